@@ -1,0 +1,71 @@
+"""The errors bulgefit raises on purpose; the command line turns them into one line and exit status 2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+__all__ = ["BulgefitError", "InputError", "SolveError"]
+
+
+class BulgefitError(Exception):
+    """Base of every error that bulgefit raises on purpose."""
+
+
+class InputError(BulgefitError, ValueError):
+    """Input that cannot be used: the message says what is wrong, where, and what to do."""
+
+
+class SolveError(BulgefitError, RuntimeError):
+    """No equilibrium was found.
+
+    Parameters
+    ----------
+    reason : str
+        What stopped the solver, in one clause.
+    pressure : float
+        Pressure at which it stopped, MPa.
+    reached : float
+        Highest pressure with an equilibrium, MPa.
+    iteration : int
+        Newton iteration of the last attempt.
+    residual_norm : float
+        Largest nodal out-of-balance force of the last attempt, N.
+    parameters : mapping of str to float
+        Material parameters of the solve (MPa, 1).
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        pressure: float,
+        reached: float,
+        iteration: int,
+        residual_norm: float,
+        parameters: Mapping[str, float],
+    ) -> None:
+        self.reason = reason
+        self.pressure = pressure
+        self.reached = reached
+        self.iteration = iteration
+        self.residual_norm = residual_norm
+        self.parameters = dict(parameters)
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        shown = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
+        return (
+            f"{self.reason} at {self.pressure * 10:.6g} bar (equilibrium was reached up to "
+            f"{self.reached * 10:.6g} bar; iteration {self.iteration}, residual "
+            f"{self.residual_norm:.3g} N; {shown})"
+        )
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # keyword-only arguments do not survive the default pickling of exceptions,
+        # and the error has to travel back from worker processes
+        return _rebuild_solve_error, (self.reason, dict(self.__dict__))
+
+
+def _rebuild_solve_error(reason: str, state: dict[str, object]) -> SolveError:
+    state = {key: value for key, value in state.items() if key != "reason"}
+    return SolveError(reason, **state)  # type: ignore[arg-type]
