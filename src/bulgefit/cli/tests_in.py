@@ -1,0 +1,81 @@
+"""Which tests does a verb work on, and how are they read? The same options for every verb."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.dic import BulgeTest
+
+__all__ = ["add_reader_arguments", "add_tests_argument", "reader_options", "tests_from"]
+
+
+def add_tests_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the positional TEST [TEST ...], as `args.tests`."""
+    parser.add_argument(
+        "tests",
+        nargs="+",
+        metavar="TEST",
+        help="bulge test: a file (.npz, .h5, the study's .npy) or a folder of CSV frames",
+    )
+
+
+def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how a test is read: --format, --radius, --thickness, --columns."""
+    group = parser.add_argument_group("reading tests")
+    group.add_argument(
+        "--format",
+        metavar="F",
+        help="format: npz, hdf5, study or csv (default: seen from the file's name)",
+    )
+    group.add_argument(
+        "--radius",
+        type=float,
+        metavar="MM",
+        help="clamp radius in mm (default: what the file says; 100 for the study's layout)",
+    )
+    group.add_argument(
+        "--thickness",
+        type=float,
+        metavar="MM",
+        help="nominal thickness in mm (default: what the file says; 0.81 for the study's layout)",
+    )
+    group.add_argument(
+        "--columns",
+        metavar="x=NAME,...",
+        help="what the columns x, y, z, dx, dy, dz (mm) are called in the CSV frames of a folder, "
+        "e.g. x=X_mm,y=Y_mm (default: their own names)",
+    )
+
+
+def reader_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `read_test` that the parsed options stand for."""
+    options: dict[str, Any] = {
+        "format": args.format,
+        "radius": args.radius,
+        "thickness": args.thickness,
+    }
+    if args.columns is not None:
+        options["columns"] = _columns(args.columns)
+    return options
+
+
+def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
+    """Read the tests of `args.tests`."""
+    from bulgefit.dic import read_test
+
+    options = reader_options(args)
+    return [read_test(path, **options) for path in args.tests]
+
+
+def _columns(text: str) -> dict[str, str]:
+    columns = {}
+    for item in text.split(","):
+        key, equals, name = (part.strip() for part in item.partition("="))
+        if not equals or not key or not name:
+            raise InputError(f"--columns: {item!r} is not of the form x=NAME")
+        columns[key] = name
+    return columns

@@ -1,0 +1,195 @@
+"""Can these data be a bulge test? Every reason why not is one line of advice."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.dic.bulge_test import Block, BulgeTest
+
+__all__ = ["check", "increases", "require_increasing"]
+
+Floats = NDArray[np.floating]
+
+# Points may lie this far outside the clamp, relative to its radius: rounding and registration.
+_OUTSIDE = 1.001
+# A gauge may be off by this part of the highest pressure, so that it reads below zero at rest.
+_BELOW_ZERO = 0.05
+# No fabric holds more than this, MPa; a number above it is in another unit.
+_HIGHEST_PRESSURE = 10.0
+
+
+def increases(pressure: Floats) -> bool:
+    """Whether the pressures increase strictly from frame to frame."""
+    return bool((np.diff(pressure) > 0).all())
+
+
+def require_increasing(test: BulgeTest) -> None:
+    """Raise InputError unless the pressures of the test increase strictly."""
+    if not increases(test.pressure):
+        i = int(np.flatnonzero(np.diff(test.pressure) <= 0)[0]) + 1
+        raise InputError(
+            f"{_where(test)}: pressure does not increase at frame {i} "
+            f"({_bar(test.pressure[i - 1])}, then {_bar(test.pressure[i])}); "
+            "keep the loading branch only"
+        )
+
+
+def check(test: BulgeTest) -> None:
+    """Refuse what cannot be a bulge test in mm and MPa.
+
+    Raises
+    ------
+    InputError
+        Specimen, pressures, times or points cannot be; the message says where and what to do.
+    """
+    _check_specimen(test)
+    _check_pressure(test)
+    _check_time(test)
+    for block in test.blocks:
+        _check_displacement(test, block)
+    if not any(block.measured.any() for block in test.blocks):
+        raise InputError(f"{_where(test)}: all points are lost in every frame; nothing to fit")
+    _check_static(test)
+    _check_clamp(test)
+
+
+def _check_specimen(test: BulgeTest) -> None:
+    where, radius, thickness, nu = _where(test), test.radius, test.thickness, test.poisson_ratio
+    if not 0 < radius < np.inf:
+        raise InputError(f"{where}: radius {radius:g} mm must be positive; give the clamp's radius")
+    if radius < 1:
+        raise InputError(
+            f"{where}: radius {radius:g} mm is too small, it looks like metres; give mm (--radius)"
+        )
+    if radius > 10_000:
+        raise InputError(
+            f"{where}: radius {radius:g} mm is too large, it looks like micrometres; "
+            "give mm (--radius)"
+        )
+    if not 0 < thickness < np.inf:
+        raise InputError(f"{where}: thickness {thickness:g} mm must be positive")
+    if thickness < 1e-3:
+        raise InputError(
+            f"{where}: thickness {thickness:g} mm is too small, it looks like metres; "
+            "give mm (--thickness)"
+        )
+    if thickness > radius / 2:
+        raise InputError(
+            f"{where}: thickness {thickness:g} mm is more than half the radius {radius:g} mm, it "
+            "looks like micrometres; give mm (--thickness)"
+        )
+    if not 0 <= nu < 0.5:
+        raise InputError(f"{where}: poisson_ratio {nu:g} must be at least 0 and below 0.5")
+
+
+def _check_pressure(test: BulgeTest) -> None:
+    where, pressure = _where(test), test.pressure
+    if not len(pressure):
+        raise InputError(f"{where}: no pressure, hence no frame; a test needs at least one")
+    bad = np.flatnonzero(~np.isfinite(pressure))
+    if len(bad):
+        raise InputError(
+            f"{where}: pressure of frame {bad[0]} is {pressure[bad[0]]} ({len(bad)} not finite); "
+            "give it or leave the frame out"
+        )
+    highest, lowest = float(pressure.max()), float(pressure.min())
+    if highest > _HIGHEST_PRESSURE:
+        raise InputError(
+            f"{where}: pressure {highest:g} MPa cannot be, it looks like {_unit_of(highest)}; "
+            "give MPa"
+        )
+    if highest <= 0:
+        raise InputError(
+            f"{where}: no frame is under pressure (highest {_bar(highest)}); "
+            "inflation pressures are positive"
+        )
+    if lowest < -_BELOW_ZERO * highest:
+        raise InputError(
+            f"{where}: pressure of frame {int(pressure.argmin())} is negative ({_bar(lowest)}), "
+            "more than a gauge's offset; leave the frame out or correct it"
+        )
+
+
+def _check_time(test: BulgeTest) -> None:
+    if test.time is None:
+        return
+    if len(test.time) != test.n_frames:
+        raise InputError(
+            f"{_where(test)}: time has {len(test.time)} values for {test.n_frames} frames; "
+            "every frame needs one"
+        )
+    bad = np.flatnonzero(~np.isfinite(test.time))
+    if len(bad):
+        raise InputError(
+            f"{_where(test)}: time of frame {bad[0]} is {test.time[bad[0]]}; give it in s, or "
+            "leave time out"
+        )
+
+
+def _check_displacement(test: BulgeTest, block: Block) -> None:
+    displacement = block.displacement
+    if np.isinf(displacement).any():
+        row, point = np.argwhere(np.isinf(displacement))[0, :2]
+        raise InputError(
+            f"{_where(test)}: displacement of point {point} in frame {block.frames[row]} is "
+            "infinite; write NaN where a point is lost"
+        )
+    # fmax and fmin pass over NaN without a warning where all is NaN
+    largest = np.fmax.reduce(np.abs(displacement), axis=None, initial=0.0)
+    if largest > 2 * test.radius:
+        row, point = np.argwhere(np.abs(displacement) == largest)[0, :2]
+        raise InputError(
+            f"{_where(test)}: displacement {largest:g} mm of point {point} in frame "
+            f"{block.frames[row]} is more than the clamp's diameter {2 * test.radius:g} mm; "
+            "give mm, and NaN where a point is lost"
+        )
+
+
+def _check_static(test: BulgeTest) -> None:
+    static = test.static_displacement
+    if static is None:
+        return
+    if not np.isfinite(static).any():
+        raise InputError(
+            f"{_where(test)}: static_displacement holds no measured point; leave it out"
+        )
+    if np.fmax.reduce(np.abs(static), axis=None) > 2 * test.radius:
+        raise InputError(
+            f"{_where(test)}: static_displacement exceeds the clamp's diameter; give mm, and NaN "
+            "where a point is lost"
+        )
+
+
+def _check_clamp(test: BulgeTest) -> None:
+    worst, outside = 0.0, 0
+    for block in test.blocks:
+        distance = np.hypot(*block.reference[block.measured.any(axis=0), :2].T)
+        outside += int((distance > _OUTSIDE * test.radius).sum())
+        worst = max(worst, float(distance.max(initial=0.0)))
+    if outside:
+        raise InputError(
+            f"{_where(test)}: {outside} points lie outside the clamp, at up to r = {worst:.4g} mm "
+            f"where the clamp radius is {test.radius:g} mm; correct the radius, or drop them with "
+            f"bulgefit convert --crop {test.radius:g}"
+        )
+
+
+def _unit_of(highest: float) -> str:
+    # bulge tests on fabrics reach some 0.5 to 20 bar, i.e. 5e4 to 2e6 Pa or 50 to 2000 kPa
+    if highest >= 1e4:
+        return "Pa"
+    return "kPa" if highest >= 100 else "kPa or bar"
+
+
+def _bar(pressure: float) -> str:
+    return f"{pressure * 10:.4g} bar"
+
+
+def _where(test: BulgeTest) -> str:
+    return test.source or test.name

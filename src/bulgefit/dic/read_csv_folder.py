@@ -1,0 +1,127 @@
+"""How is a folder of one CSV file a frame read, with its pressure table?"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bulgefit.dic.csv_table import Table, read_table
+from bulgefit.dic.registry import Recording, file_checksum, reader
+from bulgefit.dic.units import PRESSURE, factor
+from bulgefit.errors import InputError
+
+__all__ = ["COLUMNS", "read_csv_folder"]
+
+COLUMNS = ("x", "y", "z", "dx", "dy", "dz")
+_PRESSURE_TABLE = "pressure.csv"
+_SPECIMEN = "test.json"
+_SPECIMEN_KEYS = ("name", "radius", "thickness", "poisson_ratio", "columns")
+
+
+@reader("csv", Path.is_dir, looks_like=f"a folder with {_PRESSURE_TABLE}", options=["columns"])
+def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Recording:
+    """Read a folder of frames.
+
+    `pressure.csv` has the columns `file` and `pressure_bar` (or another unit: `pressure_MPa`,
+    `pressure_kPa`, ...), and `time_s` if wanted. Each file it names has a header and the columns
+    x, y, z, dx, dy, dz in mm; cells that are empty or nan are lost. `test.json`, if there is one,
+    may say name, radius (mm), thickness (mm), poisson_ratio and columns.
+
+    Parameters
+    ----------
+    path : Path
+    columns : mapping of str to str, optional
+        What x, y, z, dx, dy, dz are called in the headers, where they differ.
+    """
+    if not path.is_dir():
+        raise InputError(f"{path}: not a folder; the format csv is a folder of one file a frame")
+    table = path / _PRESSURE_TABLE
+    if not table.is_file():
+        found = ", ".join(sorted(entry.name for entry in path.iterdir())[:5]) or "nothing"
+        raise InputError(f"{path}: not a bulge test, it has no {_PRESSURE_TABLE}; found {found}")
+    specimen = _specimen(path / _SPECIMEN)
+    names = _column_names({**specimen.get("columns", {}), **(columns or {})}, path)
+    files, pressure, time = _pressures(table)
+    _need_listed(path, files)
+    frames = []
+    for file in files:
+        values = read_table(file).numbers([names[key] for key in COLUMNS])
+        frames.append((values[:, :3], values[:, 3:]))
+    used = [table, *files] + ([path / _SPECIMEN] if specimen else [])
+    return Recording(
+        pressure=pressure,
+        checksum=file_checksum(*sorted(used)),
+        frames=frames,
+        radius=specimen.get("radius"),
+        thickness=specimen.get("thickness"),
+        poisson_ratio=specimen.get("poisson_ratio"),
+        time=time,
+        name=specimen.get("name"),
+    )
+
+
+def _column_names(given: Mapping[str, str], path: Path) -> dict[str, str]:
+    unknown = [key for key in given if key not in COLUMNS]
+    if unknown:
+        raise InputError(f"{path}: unknown column {unknown[0]!r}; known are {', '.join(COLUMNS)}")
+    return {key: given.get(key, key) for key in COLUMNS}
+
+
+def _specimen(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: must be a JSON object with {', '.join(_SPECIMEN_KEYS)}")
+    for key, value in content.items():
+        if key not in _SPECIMEN_KEYS:
+            raise InputError(f"{path}: unknown key {key!r}; known are {', '.join(_SPECIMEN_KEYS)}")
+        if key == "columns":
+            good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
+        elif key == "name":
+            good = isinstance(value, str)
+        else:
+            good = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not good:
+            raise InputError(f"{path}: {key} cannot be {value!r}")
+    return content
+
+
+def _pressures(path: Path) -> tuple[list[Path], Any, Any]:
+    table = read_table(path)
+    loads = [name for name in table.header if name.startswith("pressure_")]
+    if "file" not in table.header or len(loads) != 1:
+        raise InputError(
+            f"{path}: needs the columns file and pressure_bar (or pressure_MPa, pressure_kPa, "
+            f"pressure_Pa); found {', '.join(table.header)}"
+        )
+    scale = factor(loads[0].removeprefix("pressure_"), PRESSURE, f"{path}: {loads[0]}")
+    pressure = table.numbers(loads)[:, 0] * scale
+    time = table.numbers(["time_s"])[:, 0] if "time_s" in table.header else None
+    return [_frame_file(path, name, table) for name in table.texts("file")], pressure, time
+
+
+def _frame_file(path: Path, name: str, table: Table) -> Path:
+    file = path.parent / name
+    if Path(name).name != name:
+        raise InputError(f"{path}: {name!r} is not the name of a file in the folder")
+    if not file.is_file():
+        raise InputError(f"{path}: names {name}, which is not in the folder {path.parent}")
+    return file
+
+
+def _need_listed(folder: Path, files: list[Path]) -> None:
+    listed = {file.name for file in files}
+    if len(listed) < len(files):
+        raise InputError(f"{folder / _PRESSURE_TABLE}: names a file twice; one row a frame")
+    for file in sorted(folder.glob("*.csv")):
+        if file.name not in listed | {_PRESSURE_TABLE}:
+            raise InputError(
+                f"{folder}: {file.name} has no pressure; list it in {_PRESSURE_TABLE} or move it "
+                "out of the folder"
+            )

@@ -1,0 +1,42 @@
+"""How large is a unit in bulgefit's own: mm, MPa and s?"""
+
+from __future__ import annotations
+
+from bulgefit.errors import InputError
+
+__all__ = ["LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
+
+LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3}
+PRESSURE = {
+    "MPa": 1.0,
+    "N/mm^2": 1.0,
+    "Pa": 1e-6,
+    "kPa": 1e-3,
+    "GPa": 1e3,
+    "bar": 0.1,
+    "mbar": 1e-4,
+}
+TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+PURE = {"1": 1.0, "": 1.0}
+
+
+def factor(unit: str, known: dict[str, float], where: str) -> float:
+    """What a value in `unit` is multiplied by to become mm, MPa or s.
+
+    Parameters
+    ----------
+    unit : str
+    known : dict of str to float
+        `LENGTH`, `PRESSURE`, `TIME` or `PURE`.
+    where : str
+        File and key, for the message.
+
+    Raises
+    ------
+    InputError
+        The unit is not known.
+    """
+    if unit not in known:
+        names = ", ".join(name for name in known if name)
+        raise InputError(f"{where} has the unit {unit!r}; known are {names}")
+    return known[unit]

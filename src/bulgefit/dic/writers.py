@@ -1,0 +1,92 @@
+"""How is a bulge test written? As npz or HDF5, by the suffix."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.files import atomic_write_bytes, check_output
+
+__all__ = ["write_test"]
+
+_UNITS = {
+    "reference": "mm",
+    "displacement": "mm",
+    "static_displacement": "mm",
+    "radius": "mm",
+    "thickness": "mm",
+    "pressure": "MPa",
+    "time": "s",
+    "poisson_ratio": "1",
+    "frame": "1",
+}
+
+
+def write_test(test: BulgeTest, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a test so that `read_test` gives it back; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    path : path
+        Ends in .npz, .h5 or .hdf5. The same test always gives the same bytes.
+    force : bool
+        Whether a file that exists may be replaced.
+
+    Raises
+    ------
+    InputError
+        The suffix is unknown, the file exists, or it cannot be written.
+    """
+    encoders = {".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5}
+    suffix = Path(path).suffix.lower()
+    if suffix not in encoders:
+        raise InputError(f"{path}: a test is written as {', '.join(encoders)}; choose one of them")
+    check_output(path, force)
+    # encoded in memory first: a full disk is then one plain error, not one inside an archive
+    atomic_write_bytes(path, encoders[suffix](_arrays(test)), force)
+
+
+def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
+    arrays: dict[str, Any] = {
+        "pressure": test.pressure,
+        "radius": np.float64(test.radius),
+        "thickness": np.float64(test.thickness),
+        "poisson_ratio": np.float64(test.poisson_ratio),
+    }
+    if len(test.blocks) == 1 and len(test.blocks[0].frames) == test.n_frames:
+        arrays["reference"] = test.blocks[0].reference
+        arrays["displacement"] = test.blocks[0].displacement
+    else:
+        frames = [test.frame(i) for i in range(test.n_frames)]
+        arrays["reference"] = np.concatenate([reference for reference, _ in frames])
+        arrays["displacement"] = np.concatenate([moved for _, moved in frames])
+        arrays["frame"] = np.repeat(np.arange(len(frames)), [len(moved) for _, moved in frames])
+    if test.static_displacement is not None:
+        arrays["static_displacement"] = test.static_displacement
+    if test.time is not None:
+        arrays["time"] = test.time
+    return arrays
+
+
+def _npz(arrays: dict[str, NDArray[Any]]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _hdf5(arrays: dict[str, NDArray[Any]]) -> bytes:
+    import h5py
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for key, array in arrays.items():
+            file.create_dataset(key, data=array).attrs["unit"] = _UNITS[key]
+    return buffer.getvalue()
