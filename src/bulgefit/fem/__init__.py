@@ -1,0 +1,1 @@
+"""Which shape balances this pressure? Geometrically nonlinear Q4 membranes."""

@@ -1,0 +1,206 @@
+"""Newton's method for the shape that balances one pressure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
+from bulgefit.fem.membrane import Membrane, State
+
+__all__ = ["Equilibrium", "NewtonError", "flat_guess", "solve"]
+
+Floats = NDArray[np.float64]
+
+#: Corrections (mm, for a radius of 100 mm) below which a shape counts as balanced.
+CORRECTION = 1e-9
+#: Iterations from a rough guess, and from the prediction of a path.
+FROM_AFAR, FROM_NEAR = 60, 12
+
+
+class NewtonError(ArithmeticError):
+    """Newton's method stopped short of equilibrium."""
+
+    def __init__(self, reason: str, iteration: int, residual_norm: float, work: int) -> None:
+        super().__init__(reason)
+        self.reason = reason
+        self.iteration = iteration
+        self.residual_norm = residual_norm
+        self.work = work
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A balanced shape and the factor of its tangent.
+
+    Attributes
+    ----------
+    pressure : float, MPa
+    displacement : (n, 3) array, mm
+    factor : Factor
+        Of the tangent at a shape within `renew_above` of this one.
+    factorisations : int
+        Spent on finding it.
+    wrinkled : int
+        Gauss points in tension-field relaxation.
+    stable : bool
+        False where the tangent is not positive definite: the branch goes on, but the fabric
+        could leave it (a soft shear modulus lets the law localise).
+    """
+
+    pressure: float
+    displacement: Floats
+    factor: Factor
+    factorisations: int
+    wrinkled: int
+    stable: bool
+
+
+def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats:
+    """Displacement (n, 3) mm that a flat disc is close to at a light pressure.
+
+    Hencky's problem: w = W0 (p a/(E t))^(1/3) a (1 - r²/a²) with W0 = 0.65 (nu about 0.3) and
+    the mean of the moduli along warp and fill.
+    """
+    modulus = 0.5 * (stiffness[0] + stiffness[1]) * (1 - 0.3**2)
+    a = membrane.radius
+    height = 0.65 * a * np.cbrt(pressure * a / (modulus * membrane.thickness))
+    guess = np.zeros_like(membrane.reference)
+    guess[:, 2] = height * (1 - (membrane.mesh.nodes**2).sum(axis=1) / a**2)
+    guess[membrane.fixed] = 0.0
+    return guess
+
+
+def solve(
+    membrane: Membrane,
+    start: Floats,
+    pressure: float,
+    stiffness: Floats,
+    *,
+    renew_above: float = 1e-4,
+    follow: bool = False,
+) -> Equilibrium:
+    """Balance `pressure` from the displacement `start`.
+
+    Newton steps on the exact tangent while corrections are large; once they are small the last
+    factor serves for the rest. A step counts as progress where the next correction by the same
+    factor is smaller (the natural monotonicity test of Deuflhard, 2004, eq. 3.31), or where it
+    lowers the potential of a stable shape; else it is halved.
+
+    From afar, a tangent that is not positive definite gets its diagonal raised until it is, so
+    the steps descend to a stable shape. Close to a path (`follow`), it is factorised as it is, so
+    the path is followed through unstable stretches. Either way nothing artificial is left in the
+    shape that is returned.
+
+    Parameters
+    ----------
+    start : (n, 3) array, mm
+    pressure : float, MPa
+    stiffness : (4,) array, MPa
+    renew_above : float, mm
+        The factor returned belongs to a shape at most this far off.
+    follow : bool
+        The start is a prediction along a path.
+
+    Raises
+    ------
+    NewtonError
+    """
+    search = _Search(membrane, pressure, stiffness, follow)
+    displacement = start
+    unit = membrane.radius / 100.0
+    state = membrane.state(displacement, pressure, stiffness)
+    if not np.isfinite(state.potential):
+        raise NewtonError("the starting shape has a collapsed cell", 0, np.inf, 0)
+    for iteration in range(1, (FROM_NEAR if follow else FROM_AFAR) + 1):
+        factor, stable = search.factor(state, iteration)
+        displacement, state, correction = search.step(displacement, state, factor, iteration)
+        if np.abs(correction).max() <= renew_above * unit and search.shift == 0.0:
+            polished = search.polish(displacement, factor, correction, unit)
+            if polished is not None:
+                return Equilibrium(
+                    pressure, polished, factor, search.work, state.wrinkled, stable
+                )
+        state = membrane.state(displacement, pressure, stiffness)
+    raise NewtonError(
+        f"no convergence in {iteration} iterations", iteration, _norm(state), search.work
+    )
+
+
+def _norm(state: State) -> float:
+    return float(np.abs(state.residual).max())
+
+
+class _Search:
+    """The moving parts of one Newton search."""
+
+    def __init__(
+        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool
+    ) -> None:
+        self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
+        self.follow = follow
+        self.shift = 0.0
+        self.work = 0
+
+    def factor(self, state: State, iteration: int) -> tuple[Factor, bool]:
+        """A factor to step with, and whether the tangent itself is positive definite."""
+        assert state.tangent is not None
+        linear = self.membrane.linear
+        self.shift = 0.0 if self.shift < 1e-6 else 0.1 * self.shift
+        for _ in range(12):
+            self.work += 1
+            try:
+                return linear.factorise(state.tangent, self.shift), self.shift == 0.0
+            except NotPositiveDefiniteError:
+                if self.follow:
+                    self.work += 1
+                    return linear.factorise_indefinite(state.tangent), False
+                self.shift = max(1e-4, 5.0 * self.shift)
+        raise NewtonError(
+            "the tangent is not positive definite", iteration, _norm(state), self.work
+        )
+
+    def step(
+        self, displacement: Floats, state: State, factor: Factor, iteration: int
+    ) -> tuple[Floats, State, Floats]:
+        """A step that makes progress; the new shape, its state, and the next correction (N,)."""
+        step = -factor.solve(state.residual)
+        size = float(np.abs(step).max())
+        slope = float(state.residual @ step)
+        fraction = 1.0
+        for _ in range(6 if self.follow else 25):
+            trial = displacement + self.membrane.spread(fraction * step)
+            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=False)
+            if np.isfinite(new.potential):
+                correction = -factor.solve(new.residual)
+                natural = float(np.abs(correction).max()) <= (1 - 0.5 * fraction) * size
+                lower = new.potential <= state.potential + 1e-4 * fraction * slope
+                if natural or (lower and not self.follow) or size <= self._rounding:
+                    return trial, new, correction
+            fraction *= 0.5
+        raise NewtonError("no step makes progress", iteration, _norm(state), self.work)
+
+    def polish(
+        self, displacement: Floats, factor: Factor, correction: Floats, unit: float
+    ) -> Floats | None:
+        """Correct with the factor at hand until nothing moves; None where that stalls early."""
+        size = np.inf
+        for _ in range(15):
+            previous, size = size, float(np.abs(correction).max())
+            if size > 0.5 * previous:
+                return displacement if previous <= self._rounding else None
+            displacement = displacement + self.membrane.spread(correction)
+            if size <= CORRECTION * unit:
+                return displacement
+            state = self.membrane.state(
+                displacement, self.pressure, self.stiffness, tangent=False
+            )
+            correction = -factor.solve(state.residual)
+        return None
+
+    @property
+    def _rounding(self) -> float:
+        """Corrections (mm) that rounding may keep from shrinking any further."""
+        return 1e-9 * self.membrane.radius

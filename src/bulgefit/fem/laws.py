@@ -1,0 +1,353 @@
+"""The membrane's laws: stored energy, stress and tangent of one material point.
+
+A law is a strain measure (`hencky`: e = ½ ln C; `svk`: e = ½ (C - I)) under a quadratic
+potential in material axes,
+
+    W(C) = ½ e : D : e              stored energy per reference volume, MPa
+    S    = 2 ∂W/∂C                  second Piola-Kirchhoff stress, MPa
+    CC   = 4 ∂²W/∂C∂C               material tangent, MPa
+
+so the membrane's energy per reference area is t0 W and, under `hencky`, it thins as
+t0/(λ1 λ2). Voigt order is 11, 22, 12, strains with engineering shear; the right Cauchy-Green
+tensor C = FᵀF comes as its components C11, C22, C12.
+
+The logarithm of a symmetric 2x2 tensor needs no eigenvectors: with m = tr C/2, h = (C11-C22)/2,
+k = C12, s = h² + k² and g(m, s) = atanh(√s/m)/√s,
+
+    ln C = ½ ln(m² - s) I + g (C - m I)                        (Sylvester's formula, n = 2)
+
+and g has closed derivatives: ∂g/∂m = -1/det C, ∂g/∂s = (m/det C - g)/(2s). Near equal stretches
+the latter cancel and a series in s/m² takes over.
+
+Relaxation (tension field): a fabric has no stiffness in compression. The relaxed energy is the
+least over wrinkles, W_r(C) = min_a W(C + a⊗a), and zero where C fits inside the natural state
+(Pipkin, 1994, "Relaxed energy densities for large deformations of membranes"). At the minimum
+S a = 0: uniaxial tension. Its tangent is the condensation of a from the Hessian.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["LAWS", "SLACK", "TAUT", "WRINKLED", "point_response"]
+
+#: Laws by name; the number is what the kernels branch on.
+LAWS = {"hencky": 0, "svk": 1}
+
+TAUT, WRINKLED, SLACK = 0, 1, 2
+
+_SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
+
+
+@njit(cache=True, error_model="numpy")
+def _log_coefficient(m, s):
+    """g(m, s) = atanh(√s/m)/√s with g_m, g_s, g_mm, g_ms, g_ss."""
+    det = m * m - s
+    z = s / (m * m)
+    if z < _SERIES_BELOW:
+        # g = φ(z)/m, φ = Σ zⁿ/(2n+1)
+        phi, phi_1, phi_2 = 0.0, 0.0, 0.0
+        for n in range(9, -1, -1):
+            phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
+            phi_1 = phi_1 * z + (n + 1) / (2.0 * n + 3.0)
+            phi = phi * z + 1.0 / (2.0 * n + 1.0)
+        g = phi / m
+        g_s = phi_1 / m**3
+        g_ss = phi_2 / m**5
+    else:
+        d = math.sqrt(s)
+        g = math.atanh(d / m) / d
+        g_s = (m / det - g) / (2.0 * s)
+        g_ss = (m / (det * det) - 3.0 * g_s) / (2.0 * s)
+    return g, -1.0 / det, g_s, 2.0 * m / (det * det), -1.0 / (det * det), g_ss
+
+
+@njit(cache=True, error_model="numpy")
+def _strain(c11, c22, c12, law):
+    """Strain (e11, e22, 2 e12) of C in the law's measure."""
+    if law == 1:
+        return 0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12
+    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
+    s = h * h + c12 * c12
+    g = _log_coefficient(m, s)[0]
+    area = 0.5 * math.log(m * m - s)
+    return 0.5 * (area + g * h), 0.5 * (area - g * h), g * c12
+
+
+@njit(cache=True, error_model="numpy")
+def _potential(e1, e2, e3, q):
+    """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
+
+    `q` holds D11, D22, D12, D33 (MPa).
+    """
+    t1 = q[0] * e1 + q[2] * e2
+    t2 = q[2] * e1 + q[1] * e2
+    t3 = q[3] * e3
+    psi = 0.5 * (t1 * e1 + t2 * e2 + t3 * e3)
+    return psi, t1, t2, t3, q[0], q[1], q[3], q[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _energy(c11, c22, c12, q, law):
+    e1, e2, e3 = _strain(c11, c22, c12, law)
+    return _potential(e1, e2, e3, q)[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _response(c11, c22, c12, q, law, out):
+    """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23) into `out` (10,)."""
+    if law == 1:
+        psi, t1, t2, t3, h11, h22, h33, h12 = _potential(
+            0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
+        )
+        out[0], out[1], out[2], out[3] = psi, t1, t2, t3
+        out[4], out[5], out[6], out[7], out[8], out[9] = h11, h22, h33, h12, 0.0, 0.0
+        return
+    m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
+    s = h * h + k * k
+    det = m * m - s
+    g, g_m, g_s, g_mm, g_ms, g_ss = _log_coefficient(m, s)
+    area = 0.5 * math.log(det)
+    a, b, c = 0.5 * (area + g * h), 0.5 * (area - g * h), g * k
+    psi, t1, t2, t3, h11, h22, h33, h12 = _potential(a, b, c, q)
+
+    # In y = (m, h, k): e11 + e22 = ½ ln det =: A, e11 - e22 = g h =: B, 2 e12 = g k =: G.
+    ta, tb = 0.5 * (t1 + t2), 0.5 * (t1 - t2)  # conjugate to A and B
+    haa = 0.25 * (h11 + h22 + 2.0 * h12)
+    hbb = 0.25 * (h11 + h22 - 2.0 * h12)
+    hab = 0.25 * (h11 - h22)
+    # first derivatives; ∂s = (0, 2h, 2k)
+    a_m, a_h, a_k = m / det, -h / det, -k / det
+    gh, gk = 2.0 * h * g_s, 2.0 * k * g_s
+    b_m, b_h, b_k = g_m * h, g + gh * h, gk * h
+    c_m, c_h, c_k = g_m * k, gh * k, g + gk * k
+    w_m = ta * a_m + tb * b_m + t3 * c_m
+    w_h = ta * a_h + tb * b_h + t3 * c_h
+    w_k = ta * a_k + tb * b_k + t3 * c_k
+    # second derivatives
+    det2 = det * det
+    a_mm, a_hh, a_kk = -(m * m + s) / det2, -(det + 2 * h * h) / det2, -(det + 2 * k * k) / det2
+    a_mh, a_mk, a_hk = 2 * m * h / det2, 2 * m * k / det2, -2 * h * k / det2
+    g_mh, g_mk = 2.0 * h * g_ms, 2.0 * k * g_ms
+    g_hh = 2.0 * g_s + 4.0 * h * h * g_ss
+    g_kk = 2.0 * g_s + 4.0 * k * k * g_ss
+    g_hk = 4.0 * h * k * g_ss
+    b_mm, b_mh, b_mk = g_mm * h, g_m + g_mh * h, g_mk * h
+    b_hh, b_kk, b_hk = 2.0 * gh + g_hh * h, g_kk * h, gk + g_hk * h
+    c_mm, c_mh, c_mk = g_mm * k, g_mh * k, g_m + g_mk * k
+    c_hh, c_kk, c_hk = g_hh * k, 2.0 * gk + g_kk * k, gh + g_hk * k
+
+    pa_m = haa * a_m + hab * b_m
+    pb_m = hab * a_m + hbb * b_m
+    pa_h = haa * a_h + hab * b_h
+    pb_h = hab * a_h + hbb * b_h
+    pa_k = haa * a_k + hab * b_k
+    pb_k = hab * a_k + hbb * b_k
+    w_mm = a_m * pa_m + b_m * pb_m + h33 * c_m * c_m + ta * a_mm + tb * b_mm + t3 * c_mm
+    w_hh = a_h * pa_h + b_h * pb_h + h33 * c_h * c_h + ta * a_hh + tb * b_hh + t3 * c_hh
+    w_kk = a_k * pa_k + b_k * pb_k + h33 * c_k * c_k + ta * a_kk + tb * b_kk + t3 * c_kk
+    w_mh = a_m * pa_h + b_m * pb_h + h33 * c_m * c_h + ta * a_mh + tb * b_mh + t3 * c_mh
+    w_mk = a_m * pa_k + b_m * pb_k + h33 * c_m * c_k + ta * a_mk + tb * b_mk + t3 * c_mk
+    w_hk = a_h * pa_k + b_h * pb_k + h33 * c_h * c_k + ta * a_hk + tb * b_hk + t3 * c_hk
+
+    # dm = dE11 + dE22, dh = dE11 - dE22, dk = 2 dE12
+    out[0], out[1], out[2], out[3] = psi, w_m + w_h, w_m - w_h, w_k
+    out[4] = w_mm + w_hh + 2.0 * w_mh
+    out[5] = w_mm + w_hh - 2.0 * w_mh
+    out[6] = w_kk
+    out[7] = w_mm - w_hh
+    out[8] = w_mk + w_hk
+    out[9] = w_mk - w_hk
+
+
+@njit(cache=True, error_model="numpy")
+def _is_slack(c11, c22, c12):
+    """True where I - C is positive semidefinite: no direction is stretched."""
+    return c11 <= 1.0 and c22 <= 1.0 and (1.0 - c11) * (1.0 - c22) >= c12 * c12
+
+
+@njit(cache=True, error_model="numpy")
+def _wrinkle(c11, c22, c12, q, law, out):
+    """Minimise W(C + a⊗a) over a by Newton's method; `out` ends at the minimum.
+
+    Returns a1, a2 and whether it converged.
+    """
+    # Start: most compressed direction n of S, and the amplitude that frees it to first order.
+    s11, s22, s12 = out[1], out[2], out[3]
+    angle = 0.5 * math.atan2(2.0 * s12, s11 - s22) + 0.5 * math.pi
+    n1, n2 = math.cos(angle), math.sin(angle)
+    snn = s11 * n1 * n1 + s22 * n2 * n2 + 2.0 * s12 * n1 * n2
+    v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
+    cnn = (
+        out[4] * v1 * v1 + out[5] * v2 * v2 + 4.0 * out[6] * v3 * v3
+        + 2.0 * out[7] * v1 * v2 + 4.0 * out[8] * v1 * v3 + 4.0 * out[9] * v2 * v3
+    )  # fmt: skip
+    amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
+    a1, a2 = amplitude * n1, amplitude * n2
+    scale = q[0] + q[1]
+    _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law, out)
+    for _ in range(60):
+        r1 = out[1] * a1 + out[3] * a2
+        r2 = out[3] * a1 + out[2] * a2
+        norm_a = math.hypot(a1, a2)
+        if math.hypot(r1, r2) <= 1e-14 * scale * norm_a:
+            return a1, a2, True
+        m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
+        # Newton only where the Hessian is positive definite, else with a shift that makes it so
+        low = 0.5 * (m11 + m22) - math.hypot(0.5 * (m11 - m22), m12)
+        high = 0.5 * (m11 + m22) + math.hypot(0.5 * (m11 - m22), m12)
+        shift = max(0.0, 1e-3 * abs(high) - low) if low <= 1e-9 * abs(high) else 0.0
+        m11, m22 = m11 + shift, m22 + shift
+        det = m11 * m22 - m12 * m12
+        d1 = -(m22 * r1 - m12 * r2) / det
+        d2 = -(m11 * r2 - m12 * r1) / det
+        energy = out[0]
+        slope = r1 * d1 + r2 * d2
+        step = 1.0
+        for _ in range(30):
+            b1, b2 = a1 + step * d1, a2 + step * d2
+            _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, out)
+            if out[0] <= energy + 1e-4 * step * slope + 1e-15 * abs(energy):
+                break
+            step *= 0.5
+        if step * math.hypot(d1, d2) <= 1e-15 * norm_a:
+            return b1, b2, True
+        a1, a2 = b1, b2
+    return a1, a2, False
+
+
+@njit(cache=True, error_model="numpy")
+def _wrinkle_hessian(a1, a2, out):
+    """∂²W/∂a∂a = S + BᵀCC B with B = ∂E/∂a of E + ½ a⊗a."""
+    p11 = out[4] * a1 + out[8] * a2  # CC B, column 1 = (a1, 0, a2)
+    p21 = out[7] * a1 + out[9] * a2
+    p31 = out[8] * a1 + out[6] * a2
+    p22 = out[5] * a2 + out[9] * a1  # column 2 = (0, a2, a1)
+    p32 = out[9] * a2 + out[6] * a1
+    m11 = out[1] + a1 * p11 + a2 * p31
+    m22 = out[2] + a2 * p22 + a1 * p32
+    m12 = out[3] + a2 * p21 + a1 * p31
+    return m11, m22, m12
+
+
+@njit(cache=True, error_model="numpy")
+def _condense(a1, a2, out):
+    """Take the wrinkle out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC, in place."""
+    m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
+    det = m11 * m22 - m12 * m12
+    i11, i22, i12 = m22 / det, m11 / det, -m12 / det
+    x1 = out[4] * a1 + out[8] * a2
+    y1 = out[7] * a1 + out[9] * a2
+    z1 = out[8] * a1 + out[6] * a2
+    x2 = out[7] * a2 + out[8] * a1
+    y2 = out[5] * a2 + out[9] * a1
+    z2 = out[9] * a2 + out[6] * a1
+    out[4] -= i11 * x1 * x1 + i22 * x2 * x2 + 2.0 * i12 * x1 * x2
+    out[5] -= i11 * y1 * y1 + i22 * y2 * y2 + 2.0 * i12 * y1 * y2
+    out[6] -= i11 * z1 * z1 + i22 * z2 * z2 + 2.0 * i12 * z1 * z2
+    out[7] -= i11 * x1 * y1 + i22 * x2 * y2 + i12 * (x1 * y2 + x2 * y1)
+    out[8] -= i11 * x1 * z1 + i22 * x2 * z2 + i12 * (x1 * z2 + x2 * z1)
+    out[9] -= i11 * y1 * z1 + i22 * y2 * z2 + i12 * (y1 * z2 + y2 * z1)
+
+
+@njit(cache=True, error_model="numpy")
+def point_response(c11, c22, c12, q, law, relax, out):
+    """Energy, stress and tangent of a material point.
+
+    Parameters
+    ----------
+    c11, c22, c12 : float
+        Right Cauchy-Green tensor in material axes.
+    q : (4,) array, MPa
+        Plane-stress stiffness D11, D22, D12, D33.
+    law : int
+        A value of `LAWS`.
+    relax : bool
+        Tension-field relaxation.
+    out : (10,) array
+        Filled with W; S11, S22, S12; CC11, CC22, CC33, CC12, CC13, CC23 (MPa).
+
+    Returns
+    -------
+    state : int
+        TAUT, WRINKLED or SLACK; -1 where C is not positive definite.
+    """
+    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
+        return -1
+    if relax and _is_slack(c11, c22, c12):
+        out[:] = 0.0
+        return SLACK
+    _response(c11, c22, c12, q, law, out)
+    if not relax:
+        return TAUT
+    compression = 0.5 * (out[1] + out[2]) - math.hypot(0.5 * (out[1] - out[2]), out[3])
+    if compression >= -1e-13 * (q[0] + q[1]):
+        return TAUT
+    a1, a2, converged = _wrinkle(c11, c22, c12, q, law, out)
+    if not converged:
+        return -1
+    _condense(a1, a2, out)
+    return WRINKLED
+
+
+@njit(cache=True, error_model="numpy")
+def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
+    """∂S/∂D at fixed C for the four stiffness components.
+
+    The stress is linear in D at the wrinkled state C* = C + a⊗a, which itself moves with D:
+    ∂S_r/∂D = S_D - CC B (∂²W/∂a²)⁻¹ Bᵀ S_D.
+
+    Parameters
+    ----------
+    work : (10,) array
+    unit : (4,) array
+        Scratch.
+    out : (4, 3) array
+        Filled with ∂(S11, S22, S12)/∂(D11, D22, D12, D33), 1.
+
+    Returns
+    -------
+    state : int
+        As `point_response`.
+    """
+    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
+        return -1
+    out[:] = 0.0
+    if relax and _is_slack(c11, c22, c12):
+        return SLACK
+    _response(c11, c22, c12, q, law, work)
+    a1, a2 = 0.0, 0.0
+    state = TAUT
+    if relax:
+        low = 0.5 * (work[1] + work[2]) - math.hypot(0.5 * (work[1] - work[2]), work[3])
+        if low < -1e-13 * (q[0] + q[1]):
+            a1, a2, converged = _wrinkle(c11, c22, c12, q, law, work)
+            if not converged:
+                return -1
+            state = WRINKLED
+    if state == WRINKLED:
+        m11, m22, m12 = _wrinkle_hessian(a1, a2, work)
+        det = m11 * m22 - m12 * m12
+        p11 = work[4] * a1 + work[8] * a2
+        p21 = work[7] * a1 + work[9] * a2
+        p31 = work[8] * a1 + work[6] * a2
+        p12 = work[7] * a2 + work[8] * a1
+        p22 = work[5] * a2 + work[9] * a1
+        p32 = work[9] * a2 + work[6] * a1
+    for i in range(4):
+        unit[:] = 0.0
+        unit[i] = 1.0
+        _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, unit, law, work)
+        s1, s2, s3 = work[1], work[2], work[3]
+        if state == WRINKLED:
+            r1, r2 = s1 * a1 + s3 * a2, s3 * a1 + s2 * a2
+            d1 = (m22 * r1 - m12 * r2) / det
+            d2 = (m11 * r2 - m12 * r1) / det
+            s1 -= p11 * d1 + p12 * d2
+            s2 -= p21 * d1 + p22 * d2
+            s3 -= p31 * d1 + p32 * d2
+        out[i, 0], out[i, 1], out[i, 2] = s1, s2, s3
+    return state

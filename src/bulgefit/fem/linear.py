@@ -1,0 +1,259 @@
+"""Factorise the tangent and solve with it: one seam, the solver that suits the size.
+
+A solver numbers the free displacements itself (its fill-reducing order), tells the assembly where
+each entry of a cell's matrix goes, and turns the assembled entries into a factor. The tangent is
+symmetric; only its lower triangle is assembled.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
+
+from bulgefit.errors import InputError
+
+__all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
+
+Floats = NDArray[np.float64]
+
+#: Free displacements up to which banded Cholesky is chosen; above it SuperLU is faster.
+BANDED_UP_TO = 12_000
+
+_ROWS, _COLUMNS = np.tril_indices(12)
+
+
+class NotPositiveDefiniteError(ArithmeticError):
+    """The tangent has a direction of no or negative stiffness."""
+
+
+class Factor(Protocol):
+    """A factorised tangent."""
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution for right-hand sides (N,) or (N, k)."""
+        ...
+
+
+class LinearSolver(Protocol):
+    """Numbering, storage and factorisation of the tangent of one mesh.
+
+    Attributes
+    ----------
+    size : int
+        Free displacements N.
+    dof : (n, 3) int array
+        Number of each nodal displacement, -1 where it is fixed.
+    scatter : (m, 78) int array
+        Place of each entry of a cell's lower triangle in `data`; entries of fixed
+        displacements go to the last place.
+    length : int
+        Entries of `data`, the last one included.
+    """
+
+    size: int
+    dof: NDArray[np.int64]
+    scatter: NDArray[np.int64]
+    length: int
+
+    def factorise(self, data: Floats, shift: float = 0.0) -> Factor:
+        """Factor of the tangent plus `shift` times its diagonal.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+        """
+        ...
+
+    def factorise_indefinite(self, data: Floats) -> Factor:
+        """Factor of a tangent that need not be positive definite, with pivoting."""
+        ...
+
+
+def _number(
+    cells: NDArray[np.int64], free: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Bandwidth-reducing numbers (n, 3) of the free displacements, and each cell's pairs."""
+    n = len(free)
+    rows = np.repeat(cells, 4, axis=1).ravel()
+    columns = np.tile(cells, (1, 4)).ravel()
+    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
+    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
+    dof = np.full(free.shape, -1, dtype=np.int64)
+    ordered = free[order]
+    numbers = np.full(free.shape, -1, dtype=np.int64)
+    numbers[ordered] = np.arange(int(free.sum()))
+    dof[order] = numbers
+    cell_dof = dof[cells].reshape(len(cells), 12)
+    return dof, cell_dof[:, _ROWS], cell_dof[:, _COLUMNS]
+
+
+class BandedCholesky:
+    """LAPACK's banded Cholesky after reverse Cuthill-McKee."""
+
+    def __init__(self, cells: NDArray[np.int64], free: NDArray[np.bool_]) -> None:
+        self.dof, row, column = _number(cells, free)
+        self.size = int(free.sum())
+        kept = (row >= 0) & (column >= 0)
+        below = np.abs(row - column)
+        self._height = int(below[kept].max(initial=0)) + 1
+        self.length = self._height * self.size + 1
+        # column-major: entry (i, j), i >= j, stands at row i - j of column j
+        place = np.minimum(row, column) * self._height + below
+        self.scatter = np.where(kept, place, self.length - 1)
+
+    def factorise(self, data: Floats, shift: float = 0.0) -> BandedFactor:
+        """Overwrites nothing; raises NotPositiveDefiniteError."""
+        band = data[:-1].copy()
+        if shift:
+            band[:: self._height] *= 1.0 + shift
+        band = band.reshape((self._height, self.size), order="F")
+        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+        if info != 0:
+            raise NotPositiveDefiniteError(f"leading minor {info}")
+        return BandedFactor(factor)
+
+    def factorise_indefinite(self, data: Floats) -> Factor:
+        """LAPACK's banded LU with partial pivoting."""
+        band = data[:-1].reshape((self._height, self.size), order="F")
+        below = self._height - 1
+        general = np.zeros((3 * below + 1, self.size), order="F")
+        general[2 * below :] = band
+        for k in range(1, self._height):
+            general[2 * below - k, k:] = band[k, : self.size - k]
+        factor, pivots, info = lapack.dgbtrf(general, below, below, overwrite_ab=1)
+        if info != 0:
+            raise NotPositiveDefiniteError(f"zero pivot {info}")
+        return BandedLUFactor(factor, pivots, below)
+
+
+class BandedLUFactor:
+    """A banded LU factor."""
+
+    def __init__(self, band: Floats, pivots: NDArray[np.intc], below: int) -> None:
+        self._band, self._pivots, self._below = band, pivots, below
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution for right-hand sides (N,) or (N, k)."""
+        columns = right[:, None] if right.ndim == 1 else right
+        solution, info = lapack.dgbtrs(
+            self._band, self._below, self._below, columns, self._pivots
+        )
+        if info != 0:
+            raise ValueError(f"dgbtrs: argument {-info}")
+        return solution[:, 0] if right.ndim == 1 else solution
+
+
+class BandedFactor:
+    """A banded Cholesky factor."""
+
+    def __init__(self, band: Floats) -> None:
+        self._band = band
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution for right-hand sides (N,) or (N, k)."""
+        solution, info = lapack.dpbtrs(self._band, right, lower=1)
+        if info != 0:
+            raise ValueError(f"dpbtrs: argument {-info}")
+        return solution
+
+
+class SparseLU:
+    """SuperLU on the symmetric pattern, minimum degree of A + Aᵀ, diagonal pivots."""
+
+    def __init__(self, cells: NDArray[np.int64], free: NDArray[np.bool_]) -> None:
+        self.dof, row, column = _number(cells, free)
+        self.size = int(free.sum())
+        kept = (row >= 0) & (column >= 0)
+        lower = np.maximum(row, column), np.minimum(row, column)
+        keys = np.where(kept, lower[1] * self.size + lower[0], -1)
+        unique, inverse = np.unique(keys[kept], return_inverse=True)
+        self.length = len(unique) + 1
+        self.scatter = np.full(row.shape, self.length - 1)
+        self.scatter[kept] = inverse
+        i, j = unique % self.size, unique // self.size
+        off = i != j
+        # the full matrix takes each off-diagonal entry twice
+        entry = np.concatenate([np.arange(len(unique)), np.flatnonzero(off)])
+        full = coo_matrix(
+            (entry + 1.0, (np.concatenate([i, j[off]]), np.concatenate([j, i[off]]))),
+            shape=(self.size, self.size),
+        ).tocsc()
+        self._entry = full.data.astype(np.int64) - 1
+        self._indices, self._indptr = full.indices, full.indptr
+        self._diagonal = np.flatnonzero(i == j)
+
+    def factorise(self, data: Floats, shift: float = 0.0) -> LUFactor:
+        """Overwrites nothing; raises NotPositiveDefiniteError."""
+        values = data[:-1]
+        if shift:
+            values = values.copy()
+            values[self._diagonal] *= 1.0 + shift
+        try:
+            factor = splu(
+                self._full(values),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:  # SuperLU's word for a zero pivot
+            raise NotPositiveDefiniteError(str(error)) from error
+        # with pivots on the diagonal, U's diagonal carries the inertia
+        if (factor.U.diagonal() <= 0.0).any() or (factor.perm_r != factor.perm_c).any():
+            raise NotPositiveDefiniteError("negative pivot")
+        return LUFactor(factor)
+
+    def factorise_indefinite(self, data: Floats) -> LUFactor:
+        """SuperLU with its threshold pivoting."""
+        try:
+            return LUFactor(splu(self._full(data[:-1]), permc_spec="MMD_AT_PLUS_A"))
+        except RuntimeError as error:
+            raise NotPositiveDefiniteError(str(error)) from error
+
+    def _full(self, values: Floats) -> csc_matrix:
+        return csc_matrix(
+            (values[self._entry], self._indices, self._indptr), shape=(self.size, self.size)
+        )
+
+
+class LUFactor:
+    """A SuperLU factor."""
+
+    def __init__(self, factor: object) -> None:
+        self._factor = factor
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution for right-hand sides (N,) or (N, k)."""
+        return self._factor.solve(right)  # type: ignore[attr-defined]
+
+
+#: Solvers that can be forced by name.
+SOLVERS: dict[str, type[BandedCholesky] | type[SparseLU]] = {
+    "banded": BandedCholesky,
+    "superlu": SparseLU,
+}
+
+
+def make_solver(
+    cells: NDArray[np.int64], free: NDArray[np.bool_], name: str | None = None
+) -> LinearSolver:
+    """The solver called `name`, or the one that measured best for the size.
+
+    Parameters
+    ----------
+    cells : (m, 4) int array
+    free : (n, 3) bool array
+        True where a nodal displacement is unknown.
+    name : str, optional
+        A key of `SOLVERS`.
+    """
+    if name is None:
+        name = "banded" if free.sum() <= BANDED_UP_TO else "superlu"
+    if name not in SOLVERS:
+        raise InputError(f"linear solver: {name!r} is unknown; choose from {', '.join(SOLVERS)}")
+    return SOLVERS[name](cells, free)

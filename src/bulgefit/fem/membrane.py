@@ -1,0 +1,148 @@
+"""A membrane: mesh, law, thickness and held displacements; its forces and tangent at a shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import InputError
+from bulgefit.fem.geometry import ReferenceSurface
+from bulgefit.fem.kernels import assemble, assemble_sensitivity
+from bulgefit.fem.laws import LAWS
+from bulgefit.fem.linear import Factor, make_solver
+from bulgefit.fem.mesh import Mesh
+
+__all__ = ["Membrane", "State"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What an assembly finds at one shape and pressure.
+
+    Attributes
+    ----------
+    potential : float, N mm
+        NaN where the shape is not admissible (a collapsed cell).
+    residual : (N,) array, N
+        Out-of-balance force on the free displacements, in the solver's order.
+    reaction : (n, 3) array, N
+        Out-of-balance force on every displacement.
+    wrinkled : int
+        Gauss points in tension-field relaxation.
+    tangent : array or None, N/mm
+        Entries as the linear solver stores them.
+    """
+
+    potential: float
+    residual: Floats
+    reaction: Floats
+    wrinkled: int
+    tangent: Floats | None = None
+
+
+class Membrane:
+    """A Q4 membrane under follower pressure.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    thickness : float, mm
+    law : {"hencky", "svk"}
+    relaxation : bool
+        Tension-field relaxation: no compression. Off, the fabric carries compression as a sheet
+        that cannot buckle.
+    angle : float, rad
+        Warp axis from x, counter-clockwise seen from +z.
+    fixed : (n, 3) bool array, optional
+        Displacements held at zero; default: all three on the rim.
+    solver : str, optional
+        Force a linear solver by name (`bulgefit.fem.linear.SOLVERS`).
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        thickness: float = 0.81,
+        law: str = "hencky",
+        *,
+        relaxation: bool = True,
+        angle: float = 0.0,
+        fixed: NDArray[np.bool_] | None = None,
+        solver: str | None = None,
+    ) -> None:
+        if law not in LAWS:
+            raise InputError(f"law: {law!r} is unknown; choose from {', '.join(LAWS)}")
+        if not (np.isfinite(thickness) and thickness > 0.0):
+            raise InputError(f"thickness must be positive, got {thickness:g} mm")
+        self.mesh = mesh
+        self.thickness = float(thickness)
+        self.law = law
+        self.relaxation = bool(relaxation)
+        self.angle = float(angle)
+        if fixed is None:
+            fixed = np.zeros((len(mesh.nodes), 3), dtype=bool)
+            fixed[mesh.rim] = True
+        self.fixed = fixed
+        self.reference = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
+        self.surface = ReferenceSurface.of(self.reference, mesh.cells, self.angle)
+        self.weight = self.thickness * self.surface.area
+        self.linear = make_solver(mesh.cells, ~fixed, solver)
+        free = self.linear.dof >= 0
+        # (size,) flat nodal index of each unknown, in the solver's order
+        self._unknowns = np.empty(self.linear.size, dtype=np.int64)
+        self._unknowns[self.linear.dof[free]] = np.flatnonzero(free.ravel())
+
+    @property
+    def radius(self) -> float:
+        """Largest distance of a node from the origin, mm."""
+        return float(np.sqrt((self.mesh.nodes**2).sum(axis=1).max()))
+
+    def gather(self, nodal: Floats) -> Floats:
+        """Free entries of (..., n, 3) nodal values: (..., N)."""
+        return nodal.reshape(*nodal.shape[:-2], -1)[..., self._unknowns]
+
+    def spread(self, unknowns: Floats) -> Floats:
+        """Nodal (..., n, 3) field of (..., N) values; zero where displacements are held."""
+        out = np.zeros((*unknowns.shape[:-1], self.fixed.size))
+        out[..., self._unknowns] = unknowns
+        return out.reshape(*unknowns.shape[:-1], -1, 3)
+
+    def state(
+        self, displacement: Floats, pressure: float, stiffness: Floats, *, tangent: bool = True
+    ) -> State:
+        """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
+        residual = np.empty_like(self.reference)
+        data = np.empty(self.linear.length if tangent else 1)
+        potential, wrinkled = assemble(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            stiffness, LAWS[self.law], self.relaxation, pressure, self.linear.scatter,
+            residual, data, tangent,
+        )  # fmt: skip
+        return State(
+            potential, self.gather(residual), residual, wrinkled, data if tangent else None
+        )
+
+    def pressure_force(self, displacement: Floats) -> Floats:
+        """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""
+        zero = np.zeros(4)
+        return -self.state(displacement, 1.0, zero, tangent=False).residual
+
+    def stiffness_force(self, displacement: Floats, stiffness: Floats) -> Floats:
+        """∂R/∂(D11, D22, D12, D33) at fixed displacement, (4, N) mm²."""
+        out = np.empty((4, *self.reference.shape))
+        ok = assemble_sensitivity(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            stiffness, LAWS[self.law], self.relaxation, out,
+        )  # fmt: skip
+        if not ok:
+            raise ArithmeticError("sensitivity asked for at a collapsed shape")
+        return self.gather(out)
+
+    def factorise(self, state: State, shift: float = 0.0) -> Factor:
+        """Factor of the state's tangent; raises NotPositiveDefiniteError."""
+        assert state.tangent is not None
+        return self.linear.factorise(state.tangent, shift)

@@ -1,0 +1,199 @@
+"""The displacement at any pressure between the solved levels.
+
+Near zero pressure a flat membrane rises as w ~ p^(1/3), so paths live in s = p^(1/3), where they
+are smooth: between levels that carry the displacement u and its slope du/ds, Hermite's
+interpolation through up to four of them is far more accurate than the steps between them are
+long. A flat membrane blown from the other side mirrors its shape: w is odd in s, the in-plane
+displacement even. The mirror images of the lowest levels complete the stencils down to p = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bulgefit.errors import InputError
+
+__all__ = ["Path", "linear_interpolation_bound"]
+
+Floats = NDArray[np.float64]
+
+#: Levels in a stencil, with slopes (degree 7) and without (degree 5).
+HERMITE_LEVELS, LAGRANGE_LEVELS = 4, 6
+
+#: Parity of (dx, dy, dz) under blowing from the other side.
+PARITY = np.array([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Balanced shapes of one membrane against pressure.
+
+    Attributes
+    ----------
+    nodes : (n, 2) array, mm
+    cells : (m, 4) int array
+    pressure : (levels,) array, MPa
+        Solved pressures, ascending.
+    displacement : (levels, n, 3) array, mm
+    slope : (levels, n, 3) array, mm/MPa^(1/3)
+        ∂u/∂s, s = p^(1/3).
+    sensitivity : (levels, 4, n, 3) array, mm/MPa, or None
+        ∂u/∂(D11, D22, D12, D33) at fixed pressure.
+    mirrored : bool
+        True where the membrane is flat, so that levels have mirror images.
+    factorisations : int
+        Spent on the whole path.
+    error_estimate : float, mm
+        Largest estimated error of the dense output.
+    wrinkled : (levels,) int array
+        Gauss points in tension-field relaxation.
+    stable : (levels,) bool array
+        False where the tangent was not positive definite.
+    """
+
+    nodes: Floats
+    cells: NDArray[np.int64]
+    pressure: Floats
+    displacement: Floats
+    slope: Floats
+    sensitivity: Floats | None
+    mirrored: bool
+    factorisations: int
+    error_estimate: float
+    wrinkled: NDArray[np.int64]
+    stable: NDArray[np.bool_]
+
+    def __call__(self, pressure: ArrayLike) -> Floats:
+        """Displacement (k, n, 3) mm at pressures (k,) MPa: the dense output."""
+        value, slope = self.weights(pressure)
+        return _combine(value, self.displacement) + _combine(slope, self.slope)
+
+    def linear(self, pressure: ArrayLike, levels: ArrayLike) -> Floats:
+        """Displacement (k, n, 3) mm, linear between `levels` (MPa) as the study interpolates."""
+        p, knots = np.atleast_1d(pressure), np.asarray(levels, dtype=float)
+        if p.min() < knots[0] or p.max() > knots[-1]:
+            raise InputError(
+                f"pressure {10 * p.min():g} to {10 * p.max():g} bar lies outside the levels "
+                f"{10 * knots[0]:g} to {10 * knots[-1]:g} bar"
+            )
+        after = np.clip(np.searchsorted(knots, p, side="left"), 1, len(knots) - 1)
+        share = (p - knots[after - 1]) / (knots[after] - knots[after - 1])
+        needed, place = np.unique(np.concatenate([after - 1, after]), return_inverse=True)
+        shapes = self(knots[needed])
+        low, high = place[: len(p)], place[len(p) :]
+        return (1 - share)[:, None, None] * shapes[low] + share[:, None, None] * shapes[high]
+
+    def stiffness_sensitivity(self, pressure: ArrayLike) -> Floats:
+        """∂u/∂(D11, D22, D12, D33) at pressures (k,) MPa: (4, k, n, 3) mm/MPa."""
+        if self.sensitivity is None:
+            raise ValueError("the path was traced without sensitivities")
+        weights = self.value_weights(pressure)
+        return np.stack([_combine(weights, self.sensitivity[:, j]) for j in range(4)])
+
+    def weights(self, pressure: ArrayLike) -> tuple[Floats, Floats]:
+        """Weights of level values and slopes, each (3 components, k, levels)."""
+        return self._weights(pressure, HERMITE_LEVELS, with_slopes=True)
+
+    def value_weights(self, pressure: ArrayLike) -> Floats:
+        """Weights (3 components, k, levels) for a field known at the levels without slope."""
+        return self._weights(pressure, LAGRANGE_LEVELS, with_slopes=False)[0]
+
+    def _weights(
+        self, pressure: ArrayLike, width: int, *, with_slopes: bool
+    ) -> tuple[Floats, Floats]:
+        p = self._checked(pressure)
+        s, at = np.cbrt(self.pressure), np.cbrt(p)
+        count = len(s)
+        images = min(count, width // 2) if self.mirrored else 0
+        knots = np.concatenate([-s[:images][::-1], s])
+        value, slope = np.zeros((2, len(p), len(knots)))
+        for k, x in enumerate(at):
+            stencil = _nearest(knots, x, width)
+            value[k, stencil], slope[k, stencil] = (
+                _hermite(knots[stencil], x) if with_slopes else (_lagrange(knots[stencil], x), 0.0)
+            )
+        # fold the mirror images back: u(-s) = ±u(s), ∂u/∂s(-s) = ∓∂u/∂s(s)
+        image_value, image_slope = value[:, :images][:, ::-1], slope[:, :images][:, ::-1]
+        value = np.broadcast_to(value[:, images:], (3, len(p), count)).copy()
+        slope = np.broadcast_to(slope[:, images:], (3, len(p), count)).copy()
+        value[:, :, :images] += PARITY[:, None, None] * image_value
+        slope[:, :, :images] -= PARITY[:, None, None] * image_slope
+        return value, slope
+
+    def _checked(self, pressure: ArrayLike) -> Floats:
+        p = np.atleast_1d(np.asarray(pressure, dtype=float))
+        low, high = (0.0 if self.mirrored else self.pressure[0]), self.pressure[-1]
+        if not (p.min() >= low - 1e-12 and p.max() <= high * (1 + 1e-12)):
+            raise InputError(
+                f"pressure {10 * p.min():g} to {10 * p.max():g} bar lies outside the traced "
+                f"range {10 * low:g} to {10 * high:g} bar"
+            )
+        return np.clip(p, low, high)
+
+
+def _combine(weights: Floats, levels: Floats) -> Floats:
+    """Σ over levels of (3, k, levels) weights times (levels, n, 3): (k, n, 3)."""
+    return np.stack([weights[i] @ levels[..., i] for i in range(3)], axis=-1)
+
+
+def _nearest(knots: Floats, x: float, width: int) -> slice:
+    """The `width` knots that bracket x most evenly."""
+    first = int(np.searchsorted(knots, x)) - width // 2
+    first = max(0, min(first, len(knots) - width))
+    return slice(first, min(len(knots), first + width))
+
+
+def _basis(knots: Floats) -> tuple[Floats, Floats]:
+    """Products and sums over the other knots, for Lagrange's basis."""
+    gaps = knots[:, None] - knots[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    inverse = 1.0 / gaps
+    np.fill_diagonal(inverse, 0.0)
+    return 1.0 / gaps.prod(axis=1), inverse.sum(axis=1)
+
+
+def _lagrange(knots: Floats, x: float) -> Floats:
+    """Weights of the values at `knots` in the polynomial through them."""
+    scale, _ = _basis(knots)
+    differences = np.broadcast_to(x - knots, (len(knots), len(knots))).copy()
+    np.fill_diagonal(differences, 1.0)
+    return scale * differences.prod(axis=1)
+
+
+def _hermite(knots: Floats, x: float) -> tuple[Floats, Floats]:
+    """Weights of values and slopes at `knots` in the polynomial that takes both."""
+    square = _lagrange(knots, x) ** 2
+    _, derivative = _basis(knots)
+    return (1.0 - 2.0 * (x - knots) * derivative) * square, (x - knots) * square
+
+
+def extrapolate(knots: Floats, values: Floats, slopes: Floats, x: float) -> Floats:
+    """Hermite's polynomial through levels (k, ...) at x, inside or outside their range."""
+    value, slope = _hermite(knots, x)
+    return np.tensordot(value, values, 1) + np.tensordot(slope, slopes, 1)
+
+
+def linear_interpolation_bound(path: Path, levels: ArrayLike) -> Floats:
+    """The study's bound on the error of linear interpolation in pressure, per interval.
+
+    |u(p) - linear| <= (Δp)²/8 max |d²u/dp²| on each interval (its eq. 2; the textbook bound of
+    linear interpolation), with the curvature of the dense output at both ends and the middle.
+
+    Returns
+    -------
+    (intervals,) array, mm
+        Over all nodes and components.
+    """
+    knots = np.asarray(levels, dtype=float)
+    step = np.diff(knots)
+    bound = np.zeros(len(step))
+    for i, (low, h) in enumerate(zip(knots[:-1], step, strict=True)):
+        d = 0.1 * h
+        centres = np.array([low + d, low + 0.5 * h, low + h - d])
+        for centre in centres:
+            before, here, after = path([centre - d, centre, centre + d])
+            bound[i] = max(bound[i], float(np.abs(before - 2 * here + after).max()) / d**2)
+    return bound * step**2 / 8

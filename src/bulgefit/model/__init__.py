@@ -1,0 +1,1 @@
+"""What would the camera have seen? Parameters, observation, and the virtual bulge test."""

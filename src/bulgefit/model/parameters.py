@@ -1,0 +1,178 @@
+"""Materials: their parameters, units and bounds, and the stiffness that they give."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import InputError
+from bulgefit.fem.elasticity import (
+    isotropic_constants,
+    orthotropic_stiffness,
+    orthotropic_stiffness_derivative,
+)
+
+__all__ = ["MATERIALS", "Material", "Parameter", "material"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A material parameter: its unit and the bounds a fit uses unless told otherwise."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+
+
+#: Parameters of each kind of material, in order; `nu12` and `nu` are held unless freed.
+#: The bounds of the moduli are the published study's.
+MATERIALS: dict[str, tuple[Parameter, ...]] = {
+    "orthotropic": (
+        Parameter("E1", "MPa", 100.0, 400.0),
+        Parameter("E2", "MPa", 50.0, 300.0),
+        Parameter("G12", "MPa", 2.0, 10.0),
+        Parameter("nu12", "1", 0.0, 0.5),
+    ),
+    "isotropic": (
+        Parameter("E", "MPa", 50.0, 500.0),
+        Parameter("nu", "1", 0.0, 0.49),
+    ),
+    "isotropic-EG": (
+        Parameter("E", "MPa", 50.0, 500.0),
+        Parameter("G", "MPa", 20.0, 200.0),
+    ),
+}
+
+#: Parameters that a fit holds at the test's Poisson ratio unless they are freed.
+HELD_BY_DEFAULT = ("nu12", "nu")
+
+
+@dataclass(frozen=True)
+class Material:
+    """A kind of material with values: the only place where moduli become a stiffness.
+
+    Attributes
+    ----------
+    kind : str
+        A key of `MATERIALS`.
+    values : dict of str to float
+        Moduli in MPa, Poisson ratio 1, in the order of `MATERIALS`.
+    """
+
+    kind: str
+    values: dict[str, float]
+
+    def constants(self) -> dict[str, float]:
+        """E1, E2, G12 (MPa) and nu12; raises InputError where they are not admissible."""
+        if self.kind == "orthotropic":
+            return dict(self.values)
+        return isotropic_constants(self.values)
+
+    def stiffness(self) -> Floats:
+        """D11, D22, D12, D33 in MPa; raises InputError where the energy is not positive."""
+        c = self.constants()
+        return orthotropic_stiffness(c["E1"], c["E2"], c["G12"], c["nu12"])
+
+    def stiffness_derivative(self) -> Floats:
+        """∂(D11, D22, D12, D33)/∂(values), (4, parameters)."""
+        c = self.constants()
+        by_constants = orthotropic_stiffness_derivative(c["E1"], c["E2"], c["G12"], c["nu12"])
+        return by_constants @ self._constants_derivative(c)
+
+    def _constants_derivative(self, c: Mapping[str, float]) -> Floats:
+        """∂(E1, E2, G12, nu12)/∂(values)."""
+        if self.kind == "orthotropic":
+            return np.eye(4)
+        modulus, shear, nu = c["E1"], c["G12"], c["nu12"]
+        if self.kind == "isotropic":  # G = E / 2(1 + nu)
+            return np.array([[1, 0], [1, 0], [shear / modulus, -shear / (1 + nu)], [0, 1]])
+        # nu = E/2G - 1
+        return np.array(
+            [[1, 0], [1, 0], [0, 1], [0.5 / shear, -0.5 * modulus / shear**2]], dtype=float
+        )
+
+    def replaced(self, values: Mapping[str, float]) -> Material:
+        """A copy with some values changed."""
+        return Material(self.kind, {**self.values, **values})
+
+
+def material(kind: str, **values: float) -> Material:
+    """A material of a kind with every parameter given.
+
+    Raises
+    ------
+    InputError
+        Unknown kind, missing or unknown parameters, or values that are not admissible.
+    """
+    names = [p.name for p in parameters_of(kind)]
+    missing = [n for n in names if n not in values]
+    unknown = [n for n in values if n not in names]
+    if missing or unknown:
+        raise InputError(
+            f"material {kind} takes {', '.join(names)}"
+            + (f"; missing: {', '.join(missing)}" if missing else "")
+            + (f"; unknown: {', '.join(unknown)}" if unknown else "")
+        )
+    made = Material(kind, {n: float(values[n]) for n in names})
+    made.stiffness()
+    return made
+
+
+def parameters_of(kind: str) -> tuple[Parameter, ...]:
+    """Parameters of a kind of material; raises InputError for an unknown kind."""
+    if kind not in MATERIALS:
+        raise InputError(f"material: {kind!r} is unknown; choose from {', '.join(MATERIALS)}")
+    return MATERIALS[kind]
+
+
+def free_parameters(
+    kind: str,
+    free: Iterable[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Parameter, ...]:
+    """Parameters that a fit varies, with its bounds.
+
+    Parameters
+    ----------
+    kind : str
+    free : iterable of str
+        Parameters freed beyond the default (`nu12`, `nu`).
+    bounds : mapping of name to (lower, upper), optional
+        In the parameter's unit; others keep their default.
+
+    Raises
+    ------
+    InputError
+        Unknown names; bounds that are reversed, not finite, or not positive for a modulus.
+    """
+    known = {p.name: p for p in parameters_of(kind)}
+    wanted = [n for n in known if n not in HELD_BY_DEFAULT]
+    for name in free:
+        if name not in known:
+            raise InputError(f"free: {name!r} is no parameter of {kind} ({', '.join(known)})")
+        if name not in wanted:
+            wanted.append(name)
+    limits = dict(bounds or {})
+    for name, (lower, upper) in limits.items():
+        if name not in known:
+            raise InputError(f"bounds: {name!r} is no parameter of {kind} ({', '.join(known)})")
+        if name not in wanted:
+            raise InputError(f"bounds: {name} is held fixed; free it to bound it")
+        if not (math.isfinite(lower) and math.isfinite(upper)):
+            raise InputError(f"bounds of {name} must be finite, got {lower:g}:{upper:g}")
+        if lower >= upper:
+            raise InputError(f"bounds of {name} are reversed: {lower:g}:{upper:g}")
+        if known[name].unit == "MPa" and lower <= 0:
+            raise InputError(f"bounds of {name} must be positive, got {lower:g}:{upper:g} MPa")
+    return tuple(
+        Parameter(n, known[n].unit, *limits.get(n, (known[n].lower, known[n].upper)))
+        for n in known
+        if n in wanted
+    )
