@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from bulgefit.dic import READERS, BulgeTest, read_test, reader, write_test
+from bulgefit.dic import READERS, BulgeTest, Recording, read_test, reader, write_test
 from bulgefit.errors import InputError
 
 
@@ -80,12 +80,7 @@ def test_format_is_named_where_the_suffix_says_nothing(made_test, tmp_path, same
         read_test(tmp_path / "out.dat", format="npz", columns={"x": "X"})
 
 
-def test_a_reader_of_ones_own(made, tmp_path, monkeypatch):
-    from bulgefit.dic import Recording
-
-    monkeypatch.setattr("bulgefit.dic.registry.READERS", READERS)
-    monkeypatch.delitem(READERS, "mine", raising=False)
-
+def test_a_reader_of_ones_own(made, tmp_path):
     @reader("mine", [".mine"])
     def read_mine(path):
         return Recording(made.pressure, "", made.reference, made.displacement, None, 100, 0.8)
