@@ -1,0 +1,69 @@
+"""Material parameters of fabrics from bulge inflation tests filmed by 3D DIC.
+
+Everything named here is public; importing the package loads nothing heavy, each name brings its
+own module with it when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.errors import BulgefitError, InputError, SolveError
+
+if TYPE_CHECKING:
+    from bulgefit.dic.bulge_test import BulgeTest as BulgeTest
+    from bulgefit.dic.readers import read_test as read_test
+    from bulgefit.dic.writers import write_test as write_test
+    from bulgefit.fem.mesh import Mesh as Mesh
+    from bulgefit.fem.mesh import disc as disc
+    from bulgefit.model.parameters import Material as Material
+    from bulgefit.model.parameters import material as material
+    from bulgefit.report.fields import plot_fields as plot_fields
+    from bulgefit.report.profiles import plot_profiles as plot_profiles
+    from bulgefit.report.residuals import plot_residuals as plot_residuals
+    from bulgefit.simulation import Simulation as Simulation
+    from bulgefit.simulation import simulate as simulate
+
+    __version__: str
+
+#: Where each public name lives.
+_HOMES = {
+    "BulgeTest": "bulgefit.dic.bulge_test",
+    "Material": "bulgefit.model.parameters",
+    "Mesh": "bulgefit.fem.mesh",
+    "Simulation": "bulgefit.simulation",
+    "crossval": "bulgefit.inverse.crossval",
+    "disc": "bulgefit.fem.mesh",
+    "evaluate": "bulgefit.inverse.evaluate",
+    "fit": "bulgefit.inverse.fit",
+    "material": "bulgefit.model.parameters",
+    "plot_fields": "bulgefit.report.fields",
+    "plot_profiles": "bulgefit.report.profiles",
+    "plot_residuals": "bulgefit.report.residuals",
+    "read_test": "bulgefit.dic.readers",
+    "simulate": "bulgefit.simulation",
+    "write_test": "bulgefit.dic.writers",
+}
+
+__all__ = ["BulgefitError", "InputError", "SolveError", *_HOMES]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            found: Any = version("bulgefit")
+        except PackageNotFoundError:  # run from its sources without being installed
+            found = "0+not.installed"
+    elif name in _HOMES:
+        found = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

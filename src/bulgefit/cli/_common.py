@@ -1,0 +1,331 @@
+"""What do the verbs share? Options for material, solver and output, and how they are used."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.fem.mesh import Mesh
+    from bulgefit.model.parameters import Material
+
+__all__ = [
+    "add_json_arguments",
+    "add_material_arguments",
+    "add_solver_arguments",
+    "add_workers_argument",
+    "announce_kernels",
+    "check_json_target",
+    "load_mesh",
+    "material_from",
+    "mesh_from",
+    "named_values",
+    "prints_json",
+    "progress",
+    "solver_options",
+    "versions",
+    "workers_from",
+    "write_json",
+]
+
+#: nu12 where neither the command nor a test gives one: the published study's.
+USUAL_POISSON_RATIO = 0.24
+
+_ORTHOTROPIC = {
+    "E1": ("MPa", "modulus along warp (x)"),
+    "E2": ("MPa", "modulus along fill (y)"),
+    "G12": ("MPa", "shear modulus"),
+    "nu12": ("RATIO", "contraction along fill under tension along warp, no unit"),
+}
+_ISOTROPIC = {
+    "E": ("MPa", "isotropic modulus, instead of E1, E2 and G12"),
+    "nu": ("RATIO", "isotropic Poisson's ratio, 0 <= nu < 0.5, no unit"),
+    "G": ("MPa", "isotropic shear modulus; gives nu = E/2G - 1"),
+}
+_WAYS = "--E1 --E2 --G12 [--nu12], or --E [--nu], or --E --G"
+
+
+def add_material_arguments(
+    parser: argparse.ArgumentParser, poisson_default: str = f"{USUAL_POISSON_RATIO:g}"
+) -> None:
+    """Add --E1 --E2 --G12 --nu12, --E --nu and --G."""
+    group = parser.add_argument_group("material", f"moduli in MPa (1 GPa = 1000 MPa); give {_WAYS}")
+    for name, (unit, meaning) in {**_ORTHOTROPIC, **_ISOTROPIC}.items():
+        default = f" (default: {poisson_default})" if name.startswith("nu") else ""
+        group.add_argument(f"--{name}", type=float, metavar=unit, help=meaning + default)
+
+
+def material_from(args: argparse.Namespace, poisson_ratio: float = USUAL_POISSON_RATIO) -> Material:
+    """The material that the options name.
+
+    Parameters
+    ----------
+    args : Namespace
+    poisson_ratio : float
+        Taken where neither --nu12, --nu nor --G is given.
+
+    Raises
+    ------
+    InputError
+        Options are missing, do not go together, or are not admissible.
+    """
+    from bulgefit.model.parameters import material
+
+    given = {
+        name: getattr(args, name)
+        for name in (*_ORTHOTROPIC, *_ISOTROPIC)
+        if getattr(args, name) is not None
+    }
+    if not given:
+        raise InputError(f"no material: give {_WAYS} (MPa)")
+    ours, others = ([f"--{n}" for n in given if n in names] for names in (_ORTHOTROPIC, _ISOTROPIC))
+    if ours and others:
+        raise InputError(f"{ours[0]} and {others[0]} do not go together: give {_WAYS}")
+    needed: tuple[str, ...]
+    if ours:
+        kind, needed, given = "orthotropic", ("E1", "E2", "G12"), {"nu12": poisson_ratio, **given}
+    elif "G" in given:
+        if "nu" in given:
+            raise InputError("--nu and --G do not go together: G gives nu = E/2G - 1")
+        kind, needed = "isotropic-EG", ("E", "G")
+    else:
+        kind, needed, given = "isotropic", ("E",), {"nu": poisson_ratio, **given}
+    missing = [f"--{name}" for name in needed if name not in given]
+    if missing:
+        raise InputError(f"{' and '.join(missing)} missing: give {_WAYS} (MPa)")
+    return material(kind, **given)
+
+
+def add_solver_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --law, --mesh, --refine, --no-relaxation and --linear-solver."""
+    group = parser.add_argument_group("solver")
+    group.add_argument(
+        "--law",
+        default="hencky",
+        metavar="LAW",
+        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
+        "(svk) (default: hencky)",
+    )
+    group.add_argument(
+        "--mesh",
+        metavar="FILE.npz",
+        help="mesh of Q4 cells: arrays nodes (n, 2) in mm and cells (m, 4) counted from 0 "
+        "(default: bulgefit's own O-grid)",
+    )
+    group.add_argument(
+        "--refine",
+        type=int,
+        metavar="N",
+        help="size of bulgefit's own mesh, 57 N² cells (default: 4, 912 cells)",
+    )
+    group.add_argument(
+        "--no-relaxation",
+        dest="relaxation",
+        action="store_false",
+        help="let the fabric carry compression instead of wrinkling (default: it wrinkles)",
+    )
+    group.add_argument(
+        "--linear-solver",
+        metavar="NAME",
+        help="force a linear solver by name (default: the fastest for the mesh's size)",
+    )
+
+
+def solver_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments `law`, `relaxation` and `linear_solver` that the options stand for."""
+    return {
+        "law": args.law,
+        "relaxation": args.relaxation,
+        "linear_solver": args.linear_solver,
+    }
+
+
+def mesh_from(args: argparse.Namespace, radius: float) -> Mesh:
+    """The mesh of --mesh, or bulgefit's own for a clamp `radius` (mm)."""
+    from bulgefit.fem.mesh import DEFAULT_REFINE, disc
+
+    if args.mesh is None:
+        return disc(radius, DEFAULT_REFINE if args.refine is None else args.refine)
+    if args.refine is not None:
+        raise InputError("--mesh and --refine do not go together: --refine is for bulgefit's mesh")
+    return load_mesh(args.mesh)
+
+
+def load_mesh(path: str) -> Mesh:
+    """Read the arrays `nodes` and `cells` of an npz.
+
+    Raises
+    ------
+    InputError
+        The file is missing, is no npz, lacks the arrays, or they are no mesh.
+    """
+    import zipfile
+    import zlib
+
+    import numpy as np
+
+    from bulgefit.fem.mesh import Mesh
+
+    try:
+        # opened here, since np.load leaves a file open that is no archive
+        with open(path, "rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
+                raise InputError(f"{path}: is one array; a mesh is an npz with nodes and cells")
+            with archive:
+                missing = [key for key in ("nodes", "cells") if key not in archive.files]
+                if missing:
+                    found = ", ".join(archive.files) or "nothing"
+                    raise InputError(
+                        f"{path}: not a mesh, it has no {' and no '.join(missing)}; found {found}"
+                    )
+                nodes, cells = archive["nodes"], archive["cells"]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or 'not an npz'})") from error
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not an npz file with nodes and cells") from error
+    for key, array in (("nodes", nodes), ("cells", cells)):
+        if array.dtype.kind not in ("iu" if key == "cells" else "fiu"):
+            raise InputError(f"{path}: {key} holds {array.dtype}, not numbers of the right kind")
+    try:
+        return Mesh.from_arrays(nodes, cells)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def add_json_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --json FILE|- and --force."""
+    group = parser.add_argument_group("output")
+    group.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write the result as JSON; - prints the JSON alone (default: a table)",
+    )
+    group.add_argument(
+        "--force", action="store_true", help="replace files that exist (default: refuse)"
+    )
+
+
+def prints_json(args: argparse.Namespace) -> bool:
+    """Whether stdout belongs to the JSON."""
+    return bool(args.json == "-")
+
+
+def check_json_target(args: argparse.Namespace) -> None:
+    """Refuse a --json FILE that cannot be written, before the work is done."""
+    from bulgefit.files import check_output
+
+    if args.json is not None and not prints_json(args):
+        check_output(args.json, args.force)
+
+
+def write_json(payload: Mapping[str, Any], target: str, force: bool = False) -> None:
+    """Write a result as JSON; NaN becomes null.
+
+    Parameters
+    ----------
+    payload : mapping
+        May hold NumPy numbers and arrays.
+    target : str
+        A file, which appears whole or not at all; `-` is stdout.
+    force : bool
+        Whether a file that exists may be replaced.
+    """
+    text = json.dumps(_plain(payload), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    if target == "-":
+        sys.stdout.write(text)
+    else:
+        from bulgefit.files import atomic_write_text
+
+        atomic_write_text(target, text, force)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy's numbers and arrays
+        return _plain(value.tolist())
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def named_values(material: Material) -> dict[str, dict[str, Any]]:
+    """Parameters with their units, as every result shows them."""
+    from bulgefit.model.parameters import parameters_of
+
+    return {
+        p.name: {"value": material.values[p.name], "unit": p.unit}
+        for p in parameters_of(material.kind)
+    }
+
+
+def progress(args: argparse.Namespace, message: str) -> None:
+    """Say on stderr what is going on, unless --quiet."""
+    if not getattr(args, "quiet", False):
+        print(message, file=sys.stderr, flush=True)
+
+
+def add_workers_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --workers N."""
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="work on N processor cores at once (default: all that this process may use); the "
+        "result does not depend on it",
+    )
+
+
+def workers_from(args: argparse.Namespace) -> int:
+    """Number of workers."""
+    import os
+
+    if args.workers is None:
+        usable = getattr(os, "sched_getaffinity", None)
+        return len(usable(0)) if usable else os.cpu_count() or 1
+    if args.workers < 1:
+        raise InputError(f"--workers {args.workers}: give 1 or more")
+    return int(args.workers)
+
+
+def announce_kernels(args: argparse.Namespace) -> None:
+    """Say so where the solver's kernels are about to be compiled for the first time.
+
+    Numba keeps an index file of every compiled function beside its source, or in
+    NUMBA_CACHE_DIR. One that is missing, or older than the source, means compilation.
+    """
+    from pathlib import Path
+
+    from bulgefit.fem import kernels
+
+    folder = getattr(getattr(kernels.assemble, "stats", None), "cache_path", None)
+    if not folder:
+        return
+    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
+    written = Path(kernels.__file__).stat().st_mtime
+    known = Path(folder).glob(f"kernels.assemble-*.{tag}*.nbi")
+    if not any(index.stat().st_mtime >= written for index in known):
+        progress(
+            args, "compiling the solver's kernels; this happens once and takes some 10 seconds"
+        )
+
+
+def versions() -> dict[str, str]:
+    """Versions of bulgefit, Python and what the numbers depend on."""
+    import platform
+    from importlib.metadata import version
+
+    import bulgefit
+
+    found = {"bulgefit": bulgefit.__version__, "python": platform.python_version()}
+    return {**found, **{name: version(name) for name in ("numpy", "scipy", "numba")}}

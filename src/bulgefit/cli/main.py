@@ -1,0 +1,153 @@
+"""bulgefit VERB: which verb runs? The module of the chosen verb is imported, no other."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, NoReturn
+
+from bulgefit.errors import BulgefitError
+
+__all__ = ["VERBS", "main"]
+
+#: Verb: its module (with HELP, add_arguments(parser), run(args) -> int) and what it does. The
+#: line stands here so that --help need not import the modules.
+VERBS = {
+    "simulate": ("bulgefit.cli.simulate", "inflate a membrane of known material"),
+    "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
+    "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
+    "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
+    "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
+    "crossval": ("bulgefit.cli.crossval", "fit with each test left out in turn"),
+}
+
+BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+
+_DESCRIPTION = """\
+bulgefit finds material parameters of fabrics and membranes from bulge inflation tests filmed by
+3D DIC, on its own membrane solver. Lengths are in mm, moduli in MPa, pressures in bar; x is warp,
+y is fill, z is the direction of inflation."""
+
+_EPILOG = """\
+verbs:
+{verbs}
+
+examples:
+  bulgefit info test.npz
+  bulgefit fit test.npz --objective e_w --json fit.json
+  bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3
+
+`bulgefit VERB --help` tells what a verb takes. Exit status: 0 done, 2 bad input or no solution
+(one line on stderr says which), 130 interrupted."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command line; the exit status is returned."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        try:
+            status = _dispatch(words)
+        except SystemExit as stop:  # argparse, after --help or an error
+            status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        sys.stdout.flush()
+        return status
+    except KeyboardInterrupt:
+        print(f"{_name(words)}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read our output has left; say nothing
+        _drop_stdout()
+        return BROKEN_PIPE
+    except BulgefitError as error:
+        message = str(error)
+    except OSError as error:  # such as a full disk behind stdout
+        _drop_stdout()
+        where = f"{error.filename}: " if error.filename else ""
+        message = f"{where}{error.strerror or error}"
+    except MemoryError:
+        message = "not enough memory"
+    print(f"{_name(words)}: error: {' '.join(message.split())}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _dispatch(words: list[str]) -> int:
+    # every option before the verb is a flag, so the verb is the first word without a dash
+    at = next((i for i, word in enumerate(words) if not word.startswith("-")), len(words))
+    top = _top_parser()
+    before = top.parse_args(words[:at])
+    if at == len(words):
+        top.error(f"which verb? choose from {', '.join(VERBS)}")
+    verb = words[at]
+    if verb not in VERBS:
+        top.error(f"unknown verb {verb!r}; choose from {', '.join(VERBS)}")
+    module = importlib.import_module(VERBS[verb][0])
+    parser = _verb_parser(verb, module)
+    args = parser.parse_args(words[at + 1 :])
+    args.quiet = args.quiet or before.quiet
+    return int(module.run(args))
+
+
+class _Parser(argparse.ArgumentParser):
+    """Errors are one line, exact option names are asked for, and values may begin with a minus."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        kwargs.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
+        super().__init__(allow_abbrev=False, **kwargs)
+        # argparse takes -5 for a number but -5,1 and -1e3 for options
+        self._negative_number_matcher = re.compile(r"^-\.?\d")
+
+    def print_help(self, file: Any = None) -> None:
+        # argparse's own ignores a pipe that is broken and a disk that is full
+        (file or sys.stdout).write(self.format_help())
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def _top_parser() -> argparse.ArgumentParser:
+    table = "\n".join(f"  {verb:<10} {line}" for verb, (_, line) in VERBS.items())
+    parser = _Parser(
+        prog="bulgefit",
+        usage="bulgefit [--quiet] VERB ...\n       bulgefit --version | --help",
+        description=_DESCRIPTION,
+        epilog=_EPILOG.format(verbs=table),
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
+    _add_quiet(parser)
+    return parser
+
+
+def _verb_parser(verb: str, module: Any) -> argparse.ArgumentParser:
+    parser = _Parser(prog=f"bulgefit {verb}", description=module.HELP)
+    module.add_arguments(parser)
+    _add_quiet(parser)
+    return parser
+
+
+def _add_quiet(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+class _Version(argparse.Action):
+    """Print the version; it is looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        import bulgefit
+
+        print(f"bulgefit {bulgefit.__version__}")
+        parser.exit()
+
+
+def _drop_stdout() -> None:
+    # what is left in the buffer cannot be written at exit either
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _name(words: Sequence[str]) -> str:
+    verb = next((word for word in words if not word.startswith("-")), "")
+    return f"bulgefit {verb}" if verb in VERBS else "bulgefit"

@@ -1,0 +1,198 @@
+"""Does `bulgefit` choose verbs, stay light, and end every failure in one line?"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import types
+
+import pytest
+
+import bulgefit
+from bulgefit.cli import main as cli
+from bulgefit.errors import InputError, SolveError
+
+HEAVY = ("numpy", "scipy", "numba", "pyvista", "matplotlib", "h5py")
+
+
+def python(code, **kwargs):
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, **kwargs
+    )
+
+
+@pytest.fixture
+def verb(monkeypatch):
+    """A verb `simulate` that does what the test wants."""
+
+    def install(run, add_arguments=lambda parser: None):
+        module = types.SimpleNamespace(HELP="h", add_arguments=add_arguments, run=run)
+        monkeypatch.setattr(cli.importlib, "import_module", lambda name: module)
+
+    return install
+
+
+@pytest.mark.parametrize("words", [["--help"], ["simulate", "--help"], ["--version"], ["nonsense"]])
+def test_help_imports_nothing_heavy(words):
+    done = python(
+        "import sys; from bulgefit.cli.main import main\n"
+        f"main({words!r})\n"
+        f"print('heavy:', [name for name in {HEAVY!r} if name in sys.modules])"
+    )
+    assert done.stdout.splitlines()[-1] == "heavy: []", done.stderr
+
+
+def test_importing_bulgefit_is_light():
+    done = python(f"import sys, bulgefit; print([n for n in {HEAVY!r} if n in sys.modules])")
+    assert done.stdout.strip() == "[]"
+
+
+def test_help_names_every_verb(capsys):
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for name, (_, line) in cli.VERBS.items():
+        assert name in text
+        assert line in text
+    for word in ("MPa", "bar", "mm", "examples:"):
+        assert word in text
+
+
+def test_help_of_simulate_teaches(capsys):
+    assert cli.main(["simulate", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "examples:" in text
+    assert text.count("default:") >= 8
+    assert "--quiet" in text
+
+
+def test_version(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"bulgefit {bulgefit.__version__}\n"
+
+
+def test_python_m_bulgefit():
+    done = subprocess.run(
+        [sys.executable, "-m", "bulgefit", "fly"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("bulgefit: error: unknown verb 'fly'; choose from simulate,")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [[], ["--quiet"], ["--loud", "simulate"], ["simulat"]])
+def test_no_known_verb(words, capsys):
+    assert cli.main(words) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("bulgefit: error: ")
+    assert output.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "quiet"),
+    [(["simulate"], False), (["--quiet", "simulate"], True), (["simulate", "--quiet"], True)],
+)
+def test_quiet_before_and_after_the_verb(verb, words, quiet):
+    seen = []
+    verb(lambda args: seen.append(args.quiet) or 0)
+    assert cli.main(words) == 0
+    assert seen == [quiet]
+
+
+def test_options_are_exact_and_values_may_be_negative(verb, capsys):
+    seen = []
+
+    def add(parser):
+        parser.add_argument("--pressure")
+        parser.add_argument("--E1", type=float)
+
+    verb(lambda args: seen.append((args.pressure, args.E1)) or 0, add)
+    assert cli.main(["simulate", "--pressure", "-1,2", "--E1", "-1e3"]) == 0
+    assert seen == [("-1,2", -1000.0)]
+    assert cli.main(["simulate", "--press", "1"]) == 2
+    assert cli.main(["simulate", "--E1", "many"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[1].startswith("bulgefit simulate: error: argument --E1: invalid float value")
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (InputError("a.npz: bad,\n  very bad"), 2, "error: a.npz: bad, very bad"),
+        (
+            SolveError(
+                "no equilibrium", pressure=0.2, reached=0.15, iteration=3, residual_norm=1.0,
+                parameters={"E1": 9.0},
+            ),
+            2,
+            "error: no equilibrium at 2 bar (equilibrium was reached up to 1.5 bar; iteration 3, "
+            "residual 1 N; E1 = 9)",
+        ),
+        (OSError(28, "No space left"), 2, "error: No space left"),
+        (PermissionError(13, "Permission denied", "a"), 2, "error: a: Permission denied"),
+        (MemoryError(), 2, "error: not enough memory"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)  # fmt: skip
+def test_failures_are_one_line(verb, capsys, error, status, line):
+    def run(args: argparse.Namespace) -> int:
+        raise error
+
+    verb(run)
+    assert cli.main(["--quiet", "simulate"]) == status
+    assert capsys.readouterr().err == f"bulgefit simulate: {line}\n"
+
+
+def test_programming_errors_are_not_hidden(verb):
+    def run(args: argparse.Namespace) -> int:
+        raise ZeroDivisionError
+
+    verb(run)
+    with pytest.raises(ZeroDivisionError):
+        cli.main(["simulate"])
+
+
+@pytest.fixture(params=["", "1"])
+def unbuffered(request):
+    return {**os.environ, "PYTHONUNBUFFERED": request.param}
+
+
+def test_reader_that_leaves(unbuffered):
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as gone:
+        done = subprocess.run(
+            [sys.executable, "-m", "bulgefit", "--help"], stdout=gone, stderr=subprocess.PIPE,
+            text=True, check=False, env=unbuffered,
+        )  # fmt: skip
+    assert done.returncode == 141
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_full_disk_behind_stdout(unbuffered):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "bulgefit", "--help"], stdout=full, stderr=subprocess.PIPE,
+            text=True, check=False, env=unbuffered,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "No space left on device" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["read_test", "write_test", "BulgeTest", "simulate", "Mesh",
+                                  "plot_profiles", "plot_residuals", "plot_fields"])  # fmt: skip
+def test_public_names(name):
+    assert getattr(bulgefit, name).__name__ == name
+    assert name in dir(bulgefit)
+    assert name in bulgefit.__all__
+
+
+def test_unknown_public_name():
+    with pytest.raises(AttributeError, match="no attribute 'telepathy'"):
+        _ = bulgefit.telepathy
