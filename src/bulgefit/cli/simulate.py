@@ -1,0 +1,269 @@
+"""bulgefit simulate: which shapes does a membrane of known material take?"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.cli import _common
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.simulation import Simulation
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "inflate a membrane of known material"
+
+_USUAL_RADIUS, _USUAL_THICKNESS = 100.0, 0.81
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Inflate a flat membrane that is clamped round its rim and show how high its apex (the\n"
+        "node nearest the centre) rises. Moduli in MPa, pressures in bar, lengths in mm; x is\n"
+        "warp (1), y is fill (2), z is the direction of inflation."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3\n"
+        "  bulgefit simulate --E 250 --nu 0.24 --law svk --pressure 3 --json -\n"
+        "  bulgefit simulate --E1 303 --E2 229 --G12 5 --pressure 1,3 --output path.pvd \\\n"
+        "      --picture bulge.png\n\n"
+        "A path.npz is itself a bulge test without noise, so the other verbs read it too."
+    )
+    parser.add_argument(
+        "--pressure",
+        required=True,
+        metavar="BAR[,BAR...]",
+        help="pressures in bar, above 0, in any order (1 bar = 0.1 MPa)",
+    )
+    _common.add_material_arguments(parser)
+    group = parser.add_argument_group("specimen")
+    group.add_argument(
+        "--radius",
+        type=float,
+        metavar="MM",
+        help="clamp radius in mm (default: 100, or what the --mesh reaches)",
+    )
+    group.add_argument(
+        "--thickness",
+        type=float,
+        default=_USUAL_THICKNESS,
+        metavar="MM",
+        help="thickness of the fabric in mm (default: 0.81)",
+    )
+    group.add_argument(
+        "--angle",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="warp turned from x in degrees, counter-clockwise seen from +z (default: 0)",
+    )
+    _common.add_solver_arguments(parser)
+    _common.add_json_arguments(parser)
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        help="write the shapes: .npz (arrays), or .pvd with one .vtu a pressure for ParaView "
+        "(displacement, strain and stress)",
+    )
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="picture of the shape at the last pressure given, coloured by dz, |dx| and |dy|",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, print and write."""
+    pressures = _pressures(args.pressure)
+    _check_outputs(args, len(pressures))
+    material = _common.material_from(args)
+    radius = _positive(args.radius, "--radius", "mm")
+    _positive(args.thickness, "--thickness", "mm")
+    if not math.isfinite(args.angle):
+        raise InputError(f"--angle {args.angle:g}: give an angle in degrees")
+
+    import numpy as np
+
+    from bulgefit.simulation import simulate
+
+    mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
+    reach = float(np.hypot(*mesh.nodes.T).max())
+    if radius is not None and abs(reach - radius) > 0.01 * radius:
+        raise InputError(
+            f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
+            "leave --radius out or scale the mesh"
+        )
+    _common.announce_kernels(args)
+    result = simulate(
+        material,
+        np.array(pressures) / 10.0,
+        mesh=mesh,
+        thickness=args.thickness,
+        angle=args.angle,
+        **_common.solver_options(args),
+    )
+    _write_files(args, result, pressures)
+    if args.json is not None:
+        _common.write_json(_payload(args, result, pressures), args.json, args.force)
+    if not _common.prints_json(args):
+        print(_table(result, pressures))
+    return 0
+
+
+def _pressures(text: str) -> list[float]:
+    pressures = []
+    for item in text.split(","):
+        try:
+            value = float(item)
+        except ValueError:
+            raise InputError(
+                f"--pressure: {item.strip()!r} is no number; give bar, such as 0.5,1,2"
+            ) from None
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"--pressure: {item.strip()} is not a pressure above 0 bar")
+        pressures.append(value)
+    return pressures
+
+
+def _positive(value: float | None, name: str, unit: str) -> float | None:
+    if value is not None and not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{name} {value:g}: give a length above 0 {unit}")
+    return value
+
+
+def _check_outputs(args: argparse.Namespace, count: int) -> None:
+    """Refuse outputs before anything is computed."""
+    from bulgefit.files import check_output
+
+    _common.check_json_target(args)
+    if args.output is not None:
+        suffix = Path(args.output).suffix.lower()
+        if suffix not in (".npz", ".pvd"):
+            raise InputError(f"--output {args.output}: give a name that ends in .npz or .pvd")
+        check_output(args.output, args.force)
+        if suffix == ".pvd":
+            from bulgefit.report.paraview import piece_names
+
+            for piece in piece_names(args.output, count):
+                check_output(piece, args.force)
+    if args.picture is not None:
+        if Path(args.picture).suffix.lower() != ".png":
+            raise InputError(f"--picture {args.picture}: give a name that ends in .png")
+        check_output(args.picture, args.force)
+
+
+def _write_files(args: argparse.Namespace, result: Simulation, pressures: list[float]) -> None:
+    if args.output is not None:
+        if Path(args.output).suffix.lower() == ".npz":
+            _write_arrays(args, result)
+        else:
+            from bulgefit.report.paraview import write_paraview
+
+            write_paraview(result, args.output, force=args.force)
+    if args.picture is not None:
+        from bulgefit.report.fields import plot_fields
+
+        plot_fields(
+            result.mesh.nodes,
+            result.mesh.cells,
+            result.displacement[-1],
+            args.picture,
+            title=f"{pressures[-1]:g} bar, {_described(result)}",
+            force=args.force,
+        )
+
+
+def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
+    import io
+
+    import numpy as np
+
+    from bulgefit.files import atomic_write_bytes
+
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        allow_pickle=False,
+        pressure=result.pressure,
+        nodes=result.mesh.nodes,
+        cells=result.mesh.cells,
+        reference=result.membrane.reference,
+        displacement=result.displacement,
+        radius=np.float64(result.membrane.radius),
+        thickness=np.float64(result.membrane.thickness),
+        poisson_ratio=np.float64(result.material.constants()["nu12"]),
+    )
+    atomic_write_bytes(args.output, buffer.getvalue(), args.force)
+
+
+def _payload(
+    args: argparse.Namespace, result: Simulation, pressures: list[float]
+) -> dict[str, Any]:
+    mesh = result.mesh
+    return {
+        "pressure_bar": pressures,
+        "apex_mm": result.apex,
+        "factorisations": result.factorisations,
+        "seconds": round(result.seconds, 6),
+        "stable": result.stable,
+        "wrinkled_points": result.wrinkled,
+        "error_estimate_mm": result.error,
+        "material": result.material.kind,
+        "parameters": _common.named_values(result.material),
+        "law": result.membrane.law,
+        "relaxation": result.membrane.relaxation,
+        "radius_mm": result.membrane.radius,
+        "thickness_mm": result.membrane.thickness,
+        "angle_degree": args.angle,
+        "mesh": {
+            "source": args.mesh or "bulgefit's O-grid",
+            "nodes": len(mesh.nodes),
+            "cells": len(mesh.cells),
+            "gauss_points": 4 * len(mesh.cells),
+            "apex_node": mesh.apex,
+        },
+        "units": {
+            "pressure_bar": "bar",
+            "apex_mm": "mm",
+            "error_estimate_mm": "mm",
+            "seconds": "s",
+            "radius_mm": "mm",
+            "thickness_mm": "mm",
+            "angle_degree": "degree",
+        },
+        "versions": _common.versions(),
+    }
+
+
+def _described(result: Simulation) -> str:
+    parts = []
+    for name, item in _common.named_values(result.material).items():
+        unit = "" if item["unit"] == "1" else f" {item['unit']}"
+        parts.append(f"{name} = {item['value']:g}{unit}")
+    return f"{result.membrane.law}, {', '.join(parts)}"
+
+
+def _table(result: Simulation, pressures: list[float]) -> str:
+    mesh, points = result.mesh, 4 * len(result.mesh.cells)
+    lines = [
+        _described(result),
+        f"{len(mesh.nodes)} nodes, {len(mesh.cells)} cells, radius {result.membrane.radius:g} mm, "
+        f"thickness {result.membrane.thickness:g} mm",
+        f"{'pressure':>10}  {'apex':>10}  {'wrinkled':>8}",
+        f"{'bar':>10}  {'mm':>10}  {'%':>8}",
+    ]
+    lines += [
+        f"{p:>10.6g}  {apex:>10.5f}  {100 * w / points:>8.3g}"
+        for p, apex, w in zip(pressures, result.apex, result.wrinkled, strict=True)
+    ]
+    lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
+    if not result.stable:
+        lines.append("somewhere on this path the tangent is not positive definite: shapes there are not stable")
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""How do I see it? Figures and pictures; each module is imported on its own."""

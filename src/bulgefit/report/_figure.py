@@ -1,0 +1,68 @@
+"""How do the figures look, and how do they reach the disk? Matplotlib without global state."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.files import atomic_write_bytes, check_output
+
+__all__ = ["FONT", "check_prediction", "figure_target", "point_spacing", "save", "spread"]
+
+#: Font size of text, points.
+FONT = 10
+
+_FORMATS = {".png": {"Software": None}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+
+
+def figure_target(path: str | os.PathLike[str], force: bool) -> Path:
+    """Refuse a figure that cannot be written, before it is drawn."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in _FORMATS:
+        raise InputError(f"{path}: a figure ends in {', '.join(_FORMATS)}")
+    return check_output(path, force)
+
+
+def save(figure: Any, path: str | os.PathLike[str], force: bool) -> None:
+    """Write a figure; it appears whole or not at all, and the same figure gives the same file."""
+    suffix = Path(path).suffix.lower()
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=suffix[1:], dpi=150, metadata=_FORMATS[suffix])
+    atomic_write_bytes(path, buffer.getvalue(), force)
+
+
+def check_prediction(test: BulgeTest, prediction: tuple[NDArray[np.floating], ...]) -> None:
+    """Refuse a prediction whose arrays do not match the blocks of the test."""
+    ours = [block.displacement.shape for block in test.blocks]
+    theirs = [np.shape(array) for array in prediction]
+    if ours != theirs:
+        raise InputError(
+            f"prediction: its arrays {theirs} must match the blocks of {test.name}, {ours}"
+        )
+
+
+def point_spacing(reference: NDArray[np.floating]) -> float:
+    """Median distance of a point to its nearest neighbour in the plane, mm; inf for one point."""
+    from scipy.spatial import KDTree
+
+    if len(reference) < 2:
+        return np.inf
+    plane = reference[:, :2]
+    return float(np.median(KDTree(plane).query(plane, k=2)[0][:, 1]))
+
+
+def spread(candidates: NDArray[np.intp], pressure: NDArray[np.floating], count: int) -> list[int]:
+    """At most `count` of the candidate frames, at pressures spread evenly up to the highest."""
+    if len(candidates) == 0:
+        return []
+    loads = pressure[candidates]
+    wanted = np.linspace(0, loads.max(), count + 1)[1:]
+    chosen = {int(candidates[np.abs(loads - p).argmin()]) for p in wanted}
+    return sorted(chosen, key=lambda frame: float(pressure[frame]))

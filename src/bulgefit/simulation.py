@@ -1,0 +1,238 @@
+"""Which shapes does a membrane of known material take under given pressures?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
+
+from bulgefit.errors import InputError, SolveError
+from bulgefit.fem.equilibrium import NewtonError, solve
+from bulgefit.fem.laws import LAWS, SLACK, TAUT, point_response
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.path import Path
+from bulgefit.fem.trace import TOLERANCE, trace
+from bulgefit.model.parameters import Material, material
+
+__all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
+
+Floats = NDArray[np.float64]
+
+#: Pressures up to which every shape is balanced on its own; more are read off the dense output.
+BALANCED_UP_TO = 20
+
+#: Where paths start, MPa; lighter pressures start them lower.
+_LOWEST = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Shapes of a membrane under pressures.
+
+    Attributes
+    ----------
+    membrane : Membrane
+    material : Material
+    pressure : (k,) array, MPa
+        As asked for, in that order.
+    displacement : (k, n, 3) array, mm
+    path : Path
+        The traced path, for any other pressure up to the highest.
+    error : float, mm
+        Estimated error of the displacements against the exact solution on this mesh; 0 where
+        every shape was balanced.
+    wrinkled : (k,) int array
+        Gauss points (4 a cell) without tension in some direction.
+    stable : bool
+        Whether all balanced shapes on the way were stable.
+    factorisations : int
+    seconds : float, s
+        Wall time of the solution, first compilation included.
+    """
+
+    membrane: Membrane
+    material: Material
+    pressure: Floats
+    displacement: Floats
+    path: Path
+    error: float
+    wrinkled: NDArray[np.int64]
+    stable: bool
+    factorisations: int
+    seconds: float
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh."""
+        return self.membrane.mesh
+
+    @property
+    def apex(self) -> Floats:
+        """(k,) array, mm: dz of the node nearest the centre."""
+        return np.asarray(self.displacement[:, self.mesh.apex, 2])
+
+    def cell_fields(self, index: int) -> dict[str, Floats]:
+        """Means over the cells at one pressure, in material axes (1 = warp, 2 = fill).
+
+        Parameters
+        ----------
+        index : int
+            Of the pressure.
+
+        Returns
+        -------
+        dict of (m,) arrays
+            `strain_11`, `strain_22`, `strain_12` (tensor components; logarithmic strain under
+            hencky, Green-Lagrange under svk; wrinkles included), `stress_11`, `stress_22`,
+            `stress_12` (second Piola-Kirchhoff, MPa of the undeformed section) and `wrinkled`
+            (share of the cell's Gauss points without tension in some direction).
+        """
+        membrane = self.membrane
+        corners = (membrane.reference + self.displacement[index])[self.mesh.cells]
+        f = np.einsum("mai,mgaj->mgij", corners, membrane.surface.gradient)
+        c = np.einsum("mgki,mgkj->mgij", f, f)
+        stiffness, law = self.material.stiffness(), LAWS[membrane.law]
+        out = np.empty((*c.shape[:2], 10))
+        state = np.empty(c.shape[:2], dtype=np.int64)
+        for at in np.ndindex(*state.shape):
+            state[at] = point_response(
+                c[at][0, 0], c[at][1, 1], c[at][0, 1], stiffness, law, membrane.relaxation, out[at]
+            )
+        strain = 0.5 * (_logarithm(c) if membrane.law == "hencky" else c - np.eye(2))
+        share = np.where(state == SLACK, 1, state != TAUT)
+        return {
+            "strain_11": strain[..., 0, 0].mean(axis=1),
+            "strain_22": strain[..., 1, 1].mean(axis=1),
+            "strain_12": strain[..., 0, 1].mean(axis=1),
+            "stress_11": out[..., 1].mean(axis=1),
+            "stress_22": out[..., 2].mean(axis=1),
+            "stress_12": out[..., 3].mean(axis=1),
+            "wrinkled": share.mean(axis=1),
+        }
+
+
+def simulate(
+    parameters: Material | Mapping[str, float],
+    pressure: ArrayLike,
+    *,
+    mesh: Mesh | None = None,
+    radius: float = 100.0,
+    thickness: float = 0.81,
+    law: str = "hencky",
+    angle: float = 0.0,
+    relaxation: bool = True,
+    linear_solver: str | None = None,
+    tolerance: float = TOLERANCE,
+) -> Simulation:
+    """Inflate a flat membrane that is clamped round its rim.
+
+    Parameters
+    ----------
+    parameters : Material or mapping
+        A material, or E1, E2, G12 (MPa) and nu12 of an orthotropic one.
+    pressure : (k,) array_like, MPa
+        In any order (1 bar = 0.1 MPa). Up to `BALANCED_UP_TO` of them are balanced one by one;
+        more are read off the dense output of the path, within `tolerance`.
+    mesh : Mesh, optional
+        By default bulgefit's own O-grid of the radius.
+    radius, thickness : float, mm
+        `radius` is for the default mesh.
+    law : {"hencky", "svk"}
+    angle : float, degree
+        Warp axis turned from x, counter-clockwise seen from +z.
+    relaxation : bool
+        Tension-field relaxation: the fabric wrinkles instead of carrying compression.
+    linear_solver : str, optional
+    tolerance : float, mm
+        Wanted error of the dense output, for a radius of 100 mm.
+
+    Raises
+    ------
+    InputError
+        Pressures, specimen or material cannot be.
+    SolveError
+        No equilibrium at some pressure; it says which one was reached.
+    """
+    began = time.perf_counter()
+    loads = _pressures(pressure)
+    for name, value, unit in (("radius", radius, "mm"), ("tolerance", tolerance, "mm")):
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} must be positive, got {value:g} {unit}")
+    if not np.isfinite(angle):
+        raise InputError(f"angle must be finite, got {angle:g} degree")
+    if not isinstance(parameters, Material):
+        parameters = material("orthotropic", **parameters)
+    membrane = Membrane(
+        disc(radius) if mesh is None else mesh,
+        thickness,
+        law,
+        relaxation=relaxation,
+        angle=np.deg2rad(angle),
+        solver=linear_solver,
+    )
+    stiffness = parameters.stiffness()
+    with threadpool_limits(1):  # so that results do not depend on the machine's cores
+        path = trace(
+            membrane,
+            stiffness,
+            (min(_LOWEST, loads.min()), loads.max()),
+            tolerance=tolerance,
+            parameters=parameters.values,
+        )
+        displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
+        balanced = len(loads) <= BALANCED_UP_TO
+        if balanced:
+            for i, load in enumerate(loads):
+                if np.isclose(load, path.pressure, rtol=1e-14, atol=0.0).any():
+                    continue
+                try:
+                    balance = solve(membrane, displacement[i], load, stiffness, follow=True)
+                except NewtonError as error:
+                    raise SolveError(
+                        f"no equilibrium near the traced path: {error.reason}",
+                        pressure=load,
+                        reached=path.pressure[path.pressure < load].max(),
+                        iteration=error.iteration,
+                        residual_norm=error.residual_norm,
+                        parameters=parameters.values,
+                    ) from error
+                displacement[i] = balance.displacement
+                work += balance.factorisations
+                stable = stable and balance.stable
+        wrinkled = [
+            membrane.state(u, p, stiffness, tangent=False).wrinkled
+            for u, p in zip(displacement, loads, strict=True)
+        ]
+    return Simulation(
+        membrane=membrane,
+        material=parameters,
+        pressure=loads,
+        displacement=displacement,
+        path=path,
+        error=0.0 if balanced else path.error_estimate,
+        wrinkled=np.array(wrinkled),
+        stable=stable,
+        factorisations=work,
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _pressures(pressure: ArrayLike) -> Floats:
+    loads = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
+    if loads.ndim != 1 or len(loads) == 0:
+        raise InputError(f"pressure must be a list of numbers, got the shape {loads.shape}")
+    bad = loads[~(np.isfinite(loads) & (loads > 0.0))]
+    if len(bad):
+        raise InputError(f"pressures must be above 0, got {10 * bad[0]:g} bar")
+    return loads
+
+
+def _logarithm(c: Floats) -> Floats:
+    """ln of symmetric positive definite (..., 2, 2) tensors."""
+    values, vectors = np.linalg.eigh(c)
+    return np.asarray(np.einsum("...ik,...k,...jk->...ij", vectors, np.log(values), vectors))

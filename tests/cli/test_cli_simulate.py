@@ -1,0 +1,244 @@
+"""Does `bulgefit simulate` give the right numbers and files, and refuse in one line?"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bulgefit.cli.main import main
+from bulgefit.dic import read_test
+from bulgefit.errors import InputError, SolveError
+from bulgefit.fem.mesh import disc
+from bulgefit.simulation import simulate
+
+MESH = Path(__file__).parents[3] / "shared" / "data" / "abaqus" / "mesh.npz"
+MATERIAL = ["--E1", "303", "--E2", "229", "--G12", "5", "--nu12", "0.24"]
+CONSTANTS = {"E1": 303.0, "E2": 229.0, "G12": 5.0, "nu12": 0.24}
+
+needs_mesh = pytest.mark.skipif(
+    not MESH.is_file(), reason="the study's mesh (../shared/data/abaqus/mesh.npz) is not here"
+)
+
+
+def run(*words):
+    return main(["simulate", *(str(word) for word in words)])
+
+
+@needs_mesh
+@pytest.mark.parametrize(
+    ("law", "apex"),
+    [
+        ("hencky", [20.49514, 26.44803, 34.75211, 41.40784]),
+        ("svk", [19.89363, 25.17823, 31.95835, 36.81727]),
+    ],
+)
+def test_apex_on_the_studys_mesh(law, apex):
+    done = subprocess.run(
+        [sys.executable, "-m", "bulgefit", "simulate", *MATERIAL, "--law", law, "--mesh", MESH,
+         "--pressure", "0.5,1,2,3", "--json", "-"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    result = json.loads(done.stdout)
+    assert result["pressure_bar"] == [0.5, 1.0, 2.0, 3.0]
+    assert result["apex_mm"] == pytest.approx(apex, abs=6e-6)
+    assert 0 < result["factorisations"] <= 60
+    assert result["seconds"] > 0
+    assert result["stable"] is True
+    assert result["wrinkled_points"] == [0, 0, 0, 0]
+    assert result["law"] == law
+    assert result["parameters"]["G12"] == {"value": 5.0, "unit": "MPa"}
+    assert result["mesh"]["nodes"] == 937
+    assert {"bulgefit", "numpy"} <= set(result["versions"])
+
+
+def test_order_of_pressures_and_table(capsys):
+    words = ["--E", "250", "--nu", "0.24", "--refine", "1", "--thickness", "0.81"]
+    assert run(*words, "--pressure", "3,0.5,3", "--json", "-") == 0
+    first = json.loads(capsys.readouterr().out)
+    assert first["pressure_bar"] == [3, 0.5, 3]
+    assert first["apex_mm"][0] == first["apex_mm"][2] > first["apex_mm"][1]
+    assert run(*words, "--pressure", "0.5") == 0
+    table = capsys.readouterr().out
+    assert f"{first['apex_mm'][1]:.5f}" in table
+    assert "E = 250 MPa" in table
+
+
+def test_radius_scales_and_angle_turns(capsys):
+    def apexes(*words):
+        assert run(*MATERIAL, "--refine", "2", "--pressure", "1", "--json", "-", *words) == 0
+        return json.loads(capsys.readouterr().out)["apex_mm"][0]
+
+    reference = apexes()
+    # twice the size with twice the thickness is the same problem
+    assert apexes("--radius", 200, "--thickness", 1.62) == pytest.approx(2 * reference, rel=1e-9)
+    # the mesh has the symmetry of a square, so a quarter turn swaps warp and fill
+    swapped = ["--E1", 229, "--E2", 303, "--nu12", 0.24 * 229 / 303]
+    assert apexes(*swapped, "--angle", 90) == pytest.approx(reference, rel=1e-9)
+    assert abs(apexes("--angle", 45) - reference) > 1e-3
+
+
+def test_a_path_is_a_bulge_test(tmp_path, capsys):
+    file, result = tmp_path / "p.npz", tmp_path / "p.json"
+    words = [*MATERIAL, "--refine", 2, "--pressure", "0.5,2", "--output", file, "--json", result]
+    assert run(*words) == 0
+    assert "apex" in capsys.readouterr().out
+    apex = json.loads(result.read_text())["apex_mm"]
+    with np.load(file, allow_pickle=False) as arrays:
+        np.testing.assert_allclose(arrays["pressure"], [0.05, 0.2])
+        assert arrays["nodes"].shape == (len(disc(100.0, 2).nodes), 2)
+        assert arrays["cells"].shape == (228, 4)
+        assert arrays["displacement"].shape == (2, len(arrays["nodes"]), 3)
+    test = read_test(file)
+    np.testing.assert_allclose(test.apex_displacement, apex)
+    assert test.thickness == 0.81
+    assert run(*words) == 2
+    assert "exists; use --force" in capsys.readouterr().err
+    assert run(*words, "--force") == 0
+
+
+def test_paraview(tmp_path):
+    import pyvista
+
+    file = tmp_path / "path.pvd"
+    assert run(*MATERIAL, "--refine", 2, "--pressure", "2,0.5", "--output", file) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "path.pvd", "path_0000.vtu", "path_0001.vtu",
+    ]  # fmt: skip
+    reader = pyvista.get_reader(file)
+    assert reader.time_values == [0.5, 2.0]
+    reader.set_active_time_value(2.0)
+    grid = reader.read()[0]
+    expected = simulate(CONSTANTS, [0.05, 0.2], mesh=disc(100.0, 2))
+    np.testing.assert_allclose(grid.point_data["displacement"], expected.displacement[1], atol=1e-6)
+    assert {"strain_11", "stress_12_MPa", "wrinkled"} <= set(grid.cell_data)
+    assert grid.n_cells == 228
+
+
+@pytest.mark.parametrize("law", ["hencky", "svk"])
+def test_cell_fields_of_an_isotropic_disc(law):
+    """At the pole strain and stress are equibiaxial, and the sphere there balances p."""
+    made = simulate({"E1": 250.0, "E2": 250.0, "G12": 250 / 2.48, "nu12": 0.24}, [0.1], law=law,
+                    mesh=disc(100.0, 6))  # fmt: skip
+    fields = made.cell_fields(0)
+    corners = made.mesh.nodes[made.mesh.cells].mean(axis=1)
+    pole = np.hypot(*corners.T).argmin()
+    e, s = fields["strain_11"][pole], fields["stress_11"][pole]
+    assert fields["strain_22"][pole] == pytest.approx(e, rel=1e-3)
+    assert abs(fields["strain_12"][pole]) < 1e-3 * e
+    # S = (E/(1 - nu)) e over the squared stretch that conjugates the law's strain
+    stretch2 = np.exp(2 * e) if law == "hencky" else 1 + 2 * e
+    conjugate = stretch2 if law == "hencky" else 1.0
+    assert s == pytest.approx(250 / 0.76 * e / conjugate, rel=1e-3)
+    # membrane force per deformed length n = t S, with p = 2 n/R at the pole
+    x, z = np.hypot(*(made.mesh.nodes + made.displacement[0, :, :2]).T), made.displacement[0, :, 2]
+    near = (x > 1.0) & (x < 25.0)
+    curvature = np.median(2 * (made.apex[0] - z[near]) / x[near] ** 2)
+    assert 2 * 0.81 * s * curvature == pytest.approx(0.1, rel=0.03)
+    assert not fields["wrinkled"].any()
+
+
+def test_many_pressures_come_from_the_dense_output():
+    loads = np.linspace(0.01, 0.3, 60)
+    many = simulate(CONSTANTS, loads, mesh=disc(100.0, 2))
+    few = simulate(CONSTANTS, loads[[3, 30, 50]], mesh=disc(100.0, 2))
+    assert many.factorisations < 60
+    assert 0 < many.error <= 1e-3
+    assert few.error == 0.0
+    np.testing.assert_allclose(many.apex[[3, 30, 50]], few.apex, atol=2e-3)
+
+
+def test_errors_of_the_library():
+    for wrong in ([], [[0.1, 0.2]], [0.1, -0.2], [np.nan], 0.0):
+        with pytest.raises(InputError, match="pressure"):
+            simulate(CONSTANTS, wrong)
+    for name in ("radius", "thickness", "tolerance"):
+        with pytest.raises(InputError, match=name):
+            simulate(CONSTANTS, 0.1, **{name: 0.0})
+    with pytest.raises(InputError, match="angle"):
+        simulate(CONSTANTS, 0.1, angle=np.inf)
+    with pytest.raises(InputError, match="missing: nu12"):
+        simulate({"E1": 1.0, "E2": 1.0, "G12": 1.0}, 0.1)
+
+
+def test_limit_pressure(capsys):
+    """Soft fabric blows up: an answer that names what was reached."""
+    assert run("--E", 1, "--refine", 1, "--pressure", "0.01,5") == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.splitlines()[-1].startswith("bulgefit simulate: error: no equilibrium")
+    assert "equilibrium was reached up to" in output.err
+    with pytest.raises(SolveError) as caught:
+        simulate({"E1": 1.0, "E2": 1.0, "G12": 0.4, "nu12": 0.24}, 0.5, mesh=disc(100.0, 1))
+    assert 0 < caught.value.reached < 0.5
+
+
+BAD = {
+    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
+    "inadmissible": (["--E1", "5", "--nu12", "0.9"], "E1/E2 must exceed nu12²"),
+    "shear": (["--G12", "-5"], "G12 must be positive, got -5 MPa"),
+    "mixture": (["--E", "5"], "--E1 and --E do not go together"),
+    "number": (["--E1", "lots"], "argument --E1: invalid float value: 'lots'"),
+    "mesh missing": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),
+    "mesh of what": (["--mesh", "other.npz"], "other.npz: not a mesh, it has no nodes and no"),
+    "mesh and refine": (["--mesh", "m.npz", "--refine", "2"], "do not go together"),
+    "mesh and radius": (["--mesh", "m.npz", "--radius", "50"], "m.npz reaches 100 mm"),
+    "refine": (["--refine", "0"], "refine must be 1 or more"),
+    "radius": (["--radius", "-1"], "--radius -1: give a length above 0 mm"),
+    "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
+    "angle": (["--angle", "nan"], "--angle nan"),
+    "solver": (["--linear-solver", "abacus"], "abacus"),
+    "pressure word": (["--pressure", "1,two"], "--pressure: 'two' is no number"),
+    "pressure empty": (["--pressure", "1,,2"], "--pressure: '' is no number"),
+    "pressure zero": (["--pressure", "0"], "--pressure: 0 is not a pressure above 0 bar"),
+    "pressure negative": (["--pressure", "-1,2"], "--pressure: -1 is not a pressure above 0"),
+    "pressure nan": (["--pressure", "nan"], "--pressure: nan is not a pressure"),
+    "json exists": (["--json", "there.json"], "there.json: exists; use --force"),
+    "json folder": (["--json", "."], "is a folder"),
+    "no folder": (["--json", "no/such/r.json"], "does not exist"),
+    "output exists": (["--output", "m.npz"], "m.npz: exists; use --force"),
+    "output kind": (["--output", "path.txt"], "ends in .npz or .pvd"),
+    "piece exists": (["--output", "path.pvd"], "path_0000.vtu: exists; use --force"),
+    "picture kind": (["--picture", "a.jpg"], "ends in .png"),
+    "unknown option": (["--colour", "red"], "unrecognized arguments: --colour red"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    mesh = disc(100.0, 1)
+    np.savez("m.npz", nodes=mesh.nodes, cells=mesh.cells)
+    np.savez("other.npz", something=mesh.nodes)
+    Path("there.json").touch()
+    Path("path_0000.vtu").touch()
+    before = sorted(os.listdir())
+    words, message = BAD[case]
+    assert run(*MATERIAL, "--pressure", "1", "--quiet", *words) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("bulgefit simulate: error: ")
+    assert output.err.count("\n") == 1
+    assert message in output.err
+    assert sorted(os.listdir()) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_place_that_cannot_be_written(capsys):
+    """Even root may not make files in /proc."""
+    assert run(*MATERIAL, "--refine", 1, "--pressure", "1", "--json", "/proc/r.json") == 2
+    assert "/proc/r.json: cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write to read-only folders")
+def test_read_only_folder(tmp_path, capsys):
+    tmp_path.chmod(0o555)
+    assert run(*MATERIAL, "--refine", 1, "--pressure", "1", "--output", tmp_path / "p.npz") == 2
+    tmp_path.chmod(0o755)
+    assert "cannot be written (Permission denied)" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
