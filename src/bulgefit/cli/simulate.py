@@ -265,5 +265,7 @@ def _table(result: Simulation, pressures: list[float]) -> str:
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
     if not result.stable:
-        lines.append("somewhere on this path the tangent is not positive definite: shapes there are not stable")
+        lines.append(
+            "on this path the tangent is not positive definite somewhere: not all shapes are stable"
+        )
     return "\n".join(lines)
