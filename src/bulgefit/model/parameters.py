@@ -98,10 +98,6 @@ class Material:
             [[1, 0], [1, 0], [0, 1], [0.5 / shear, -0.5 * modulus / shear**2]], dtype=float
         )
 
-    def replaced(self, values: Mapping[str, float]) -> Material:
-        """A copy with some values changed."""
-        return Material(self.kind, {**self.values, **values})
-
 
 def material(kind: str, **values: float) -> Material:
     """A material of a kind with every parameter given.

@@ -1,0 +1,212 @@
+"""What do fit, evaluate and crossval share? How tests are compared, and how a fit searches."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.cli import _common
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bulgefit.dic import BulgeTest
+    from bulgefit.model.virtual_test import Setup
+
+__all__ = [
+    "add_comparison_arguments",
+    "add_search_arguments",
+    "comparison_options",
+    "read_tests",
+    "search_options",
+]
+
+
+def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add how modelled and measured fields are compared."""
+    group = parser.add_argument_group("comparison")
+    group.add_argument(
+        "--weight",
+        metavar="W",
+        help="weight of dz in e_w, or of dx,dy,dz (default: half the sum of the largest |dx| and "
+        "|dy| over the largest |dz| of all tests, near 0.1)",
+    )
+    group.add_argument(
+        "--average",
+        default="points",
+        metavar="HOW",
+        help="points: mean over all points of a test, as the study's paper; frames: mean over "
+        "each frame first, as its code (default: points)",
+    )
+    group.add_argument(
+        "--evaluation",
+        default="shape",
+        metavar="HOW",
+        help="fields at the measured points by the cells' shape functions (shape), the study's "
+        "radial basis functions (rbf) or the same on near nodes (local-rbf) (default: shape)",
+    )
+    group.add_argument(
+        "--interpolation",
+        default="dense",
+        metavar="HOW",
+        help="in pressure: dense output of the path (dense), or linear between the study's 200 "
+        "levels (study) (default: dense)",
+    )
+    group.add_argument(
+        "--max-pressure",
+        type=float,
+        metavar="BAR",
+        help="leave frames above this pressure (bar) out (default: all frames)",
+    )
+
+
+def add_search_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what is fitted and how."""
+    group = parser.add_argument_group("fit")
+    group.add_argument(
+        "--objective",
+        default="e_w",
+        metavar="NAME",
+        help="e: mean |dx| + |dy| + |dz| deviation; e_w: the same with dz weighted; e_z: |dz| at "
+        "the point nearest the centre; all in mm (default: e_w)",
+    )
+    group.add_argument(
+        "--material",
+        default="orthotropic",
+        metavar="KIND",
+        help="orthotropic (E1, E2, G12), isotropic (E) or isotropic-EG (E, G) "
+        "(default: orthotropic)",
+    )
+    group.add_argument(
+        "--free", default="", metavar="NAME", help="also fit nu12 (or nu), held otherwise"
+    )
+    group.add_argument(
+        "--nu12",
+        type=float,
+        metavar="RATIO",
+        help="Poisson's ratio where it is held (default: what the test says)",
+    )
+    group.add_argument(
+        "--bounds",
+        default="",
+        metavar="E1=LOW:HIGH,...",
+        help="bounds in MPa (default: the study's, E1=100:400,E2=50:300,G12=2:10)",
+    )
+    group.add_argument(
+        "--starts", type=int, default=5, metavar="N", help="scrambled-Sobol starts (default: 5)"
+    )
+    group.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the starts (default: 0)"
+    )
+    group.add_argument(
+        "--method",
+        default="gauss-newton",
+        metavar="NAME",
+        help="gauss-newton (on absolute residuals), or a scipy minimiser such as L-BFGS-B, SLSQP "
+        "or Nelder-Mead (default: gauss-newton)",
+    )
+    group.add_argument(
+        "--max-evaluations",
+        type=int,
+        default=100,
+        metavar="N",
+        help="forward paths of one start at most (default: 100)",
+    )
+    group.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-6,
+        metavar="X",
+        help="stop where the objective falls by less than this part (default: 1e-6)",
+    )
+    _common.add_workers_argument(parser)
+
+
+def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
+    """The tests of the command line, cut at --max-pressure."""
+    import numpy as np
+
+    from bulgefit.cli.tests_in import tests_from
+
+    tests = tests_from(args)
+    if args.max_pressure is None:
+        return tests
+    limit = 0.1 * args.max_pressure
+    cut = []
+    for test in tests:
+        kept = np.flatnonzero(test.pressure <= limit)
+        if not len(kept):
+            raise InputError(
+                f"--max-pressure {args.max_pressure:g}: every frame of {test.name} lies above it "
+                f"(from {10 * test.pressure.min():.3g} bar)"
+            )
+        cut.append(test.select(frames=kept))
+    return cut
+
+
+def comparison_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> dict[str, Any]:
+    """Keyword arguments `weight`, `average` and `setup`."""
+    return {"weight": _weight(args.weight), "average": args.average, "setup": _setup(args, tests)}
+
+
+def search_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `fit` that the options stand for."""
+    from bulgefit.inverse.minimise import Limits
+
+    if args.max_evaluations < 1:
+        raise InputError(f"--max-evaluations {args.max_evaluations}: give 1 or more")
+    if not 0.0 < args.tolerance < 1.0:
+        raise InputError(f"--tolerance {args.tolerance:g}: give a part between 0 and 1")
+    held = {}
+    if args.nu12 is not None:
+        held["nu" if args.material == "isotropic" else "nu12"] = args.nu12
+    return {
+        "material": args.material,
+        "free": [name for name in args.free.split(",") if name],
+        "bounds": _bounds(args.bounds),
+        "held": held,
+        "starts": args.starts,
+        "seed": args.seed,
+        "method": args.method,
+        "limits": Limits(evaluations=args.max_evaluations, objective_change=args.tolerance),
+        "workers": _common.workers_from(args),
+    }
+
+
+def _setup(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> Setup:
+    from bulgefit.fem.mesh import DEFAULT_REFINE
+    from bulgefit.model.virtual_test import Setup
+
+    return Setup(
+        mesh=_common.mesh_from(args, tests[0].radius) if args.mesh is not None else None,
+        refine=DEFAULT_REFINE if args.refine is None else args.refine,
+        evaluation=args.evaluation,
+        interpolation=args.interpolation,
+        **_common.solver_options(args),
+    )
+
+
+def _weight(text: str | None) -> list[float] | None:
+    if text is None:
+        return None
+    try:
+        return [float(item) for item in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"--weight {text!r}: give one number (of dz) or three (of dx,dy,dz)"
+        ) from None
+
+
+def _bounds(text: str) -> dict[str, tuple[float, float]]:
+    bounds = {}
+    for item in filter(None, text.split(",")):
+        name, equals, span = (part.strip() for part in item.partition("="))
+        try:
+            low, high = (float(part) for part in span.split(":"))
+        except ValueError:
+            equals = ""
+        if not equals or not name:
+            raise InputError(f"--bounds: {item!r} is not of the form NAME=LOW:HIGH, as E1=200:400")
+        bounds[name] = (low, high)
+    return bounds

@@ -1,0 +1,71 @@
+"""bulgefit crossval: do the parameters of some tests predict the others?"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from bulgefit.cli import _common, _inverse
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "fit all tests but one, judge on the one left out, for each in turn"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Leave-one-test-out cross-validation: fit all tests but one and judge the parameters on\n"
+        "the test that was left out. Options as of fit. Moduli in MPa, objectives in mm."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit crossval test1.npz test2.npz test4.npz\n"
+        "  bulgefit crossval test*.npz --objective e --material isotropic --json folds.json"
+    )
+    add_tests_argument(parser)
+    _inverse.add_search_arguments(parser)
+    _inverse.add_comparison_arguments(parser)
+    _common.add_solver_arguments(parser)
+    add_reader_arguments(parser)
+    _common.add_json_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Cross-validate and print."""
+    _common.check_json_target(args)
+    tests = _inverse.read_tests(args)
+    options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
+
+    from bulgefit.inverse.crossval import crossval
+
+    _common.announce_kernels(args)
+    _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
+    result = crossval(tests, args.objective, **options)
+    if args.json is not None:
+        _common.write_json(result, args.json, args.force)
+    if not _common.prints_json(args):
+        print(_table(result))
+    return 0
+
+
+def _table(result: dict[str, Any]) -> str:
+    names = list(result["folds"][0]["parameters"])
+    lines = [
+        "left out".ljust(28) + "".join(f"{n:>10}" for n in (*names, "training", "e", "e_w", "e_z"))
+    ]
+    for fold in result["folds"]:
+        judged = fold["left_out_objectives"]
+        numbers = (*fold["parameters"].values(), fold["training"]["value"], *judged.values())
+        lines.append(
+            fold["left_out"][:27].ljust(28)
+            + "".join(f"{'-' if v is None else format(v, '.4g'):>10}" for v in numbers)
+        )
+    spread = result["standard_deviation"]
+    lines.append(
+        f"{result['objective']} left out: mean {result['mean']:.4g} mm"
+        + ("" if spread is None else f", standard deviation {spread:.4g} mm")
+    )
+    return "\n".join(lines)

@@ -1,0 +1,80 @@
+"""bulgefit evaluate: how far are given parameters from measured tests?"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from bulgefit.cli import _common, _inverse
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "compare given material parameters with bulge tests"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Simulate bulge tests with given parameters and print every published objective (mm):\n"
+        "mean absolute deviations r_dx, r_dy, r_dz, their sum e, the weighted sum e_w, and e_z at\n"
+        "the point nearest the centre. Several tests: the mean over tests."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit evaluate test1.npz --E1 303 --E2 229 --G12 5\n"
+        "  bulgefit evaluate test1.npz test2.npz --E 250 --nu 0.24 --law svk --json -\n"
+        "  bulgefit evaluate test1.npz --undeformed"
+    )
+    add_tests_argument(parser)
+    _common.add_material_arguments(parser, "what the test says")
+    parser.add_argument(
+        "--undeformed",
+        action="store_true",
+        help="judge a model that does not deform, instead of a material",
+    )
+    _inverse.add_comparison_arguments(parser)
+    _common.add_solver_arguments(parser)
+    add_reader_arguments(parser)
+    _common.add_json_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evaluate and print."""
+    _common.check_json_target(args)
+    tests = _inverse.read_tests(args)
+    options = _inverse.comparison_options(args, tests)
+
+    from bulgefit.inverse.evaluate import evaluate, evaluate_resting
+
+    if args.undeformed:
+        result = evaluate_resting(tests, **options)
+    else:
+        material = _common.material_from(args, tests[0].poisson_ratio)
+        _common.announce_kernels(args)
+        result = evaluate(tests, material, **options)
+    if args.json is not None:
+        _common.write_json(result, args.json, args.force)
+    if not _common.prints_json(args):
+        print(_table(result))
+    return 0
+
+
+def _table(result: dict[str, Any]) -> str:
+    keys = ("dx", "dy", "dz", "e", "e_w", "e_z")
+    heads = ("r_dx", "r_dy", "r_dz", "e", "e_w", "e_z")
+    rows = [(test["name"], test) for test in result["tests"]]
+    if len(rows) > 1:
+        rows.append(("mean over tests", result))
+    return "\n".join(
+        [
+            "mm".ljust(28) + "".join(f"{h:>10}" for h in heads),
+            *(name[:27].ljust(28) + "".join(_cell(r.get(k)) for k in keys) for name, r in rows),
+            f"weight of dz in e_w: {result['weight']:.4f}",
+        ]
+    )
+
+
+def _cell(value: float | None) -> str:
+    return f"{'-' if value is None else format(value, '.4f'):>10}"

@@ -1,0 +1,111 @@
+"""bulgefit fit: which material parameters do measured tests show?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bulgefit.cli import _common, _inverse
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+
+if TYPE_CHECKING:
+    from bulgefit.inverse.fit import FitResult
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "find the material parameters of bulge tests"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Find the moduli that bring a virtual bulge test closest to the measured ones, from\n"
+        "several starts spread over the bounds. Several tests are fitted together. Moduli in MPa,\n"
+        "pressures in bar, objectives in mm. The same seed gives the same result for any number\n"
+        "of workers."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit fit test1.npz\n"
+        "  bulgefit fit test1.npz test2.npz --objective e --plots figures\n"
+        "  bulgefit fit test1.npz --material isotropic --bounds E=100:400 --json result.json\n"
+        "  bulgefit fit test1.npz --free nu12 --method L-BFGS-B --starts 10 --seed 3"
+    )
+    add_tests_argument(parser)
+    _inverse.add_search_arguments(parser)
+    _inverse.add_comparison_arguments(parser)
+    _common.add_solver_arguments(parser)
+    add_reader_arguments(parser)
+    _common.add_json_arguments(parser)
+    parser.add_argument(
+        "--plots",
+        metavar="FOLDER",
+        help="draw profiles and residual maps of every test into this folder (made if needed)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, print, write and draw."""
+    _common.check_json_target(args)
+    tests = _inverse.read_tests(args)
+    figures = _figure_names(args, [t.name for t in tests])
+    options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
+
+    from bulgefit.inverse.fit import fit
+
+    _common.announce_kernels(args)
+    _common.progress(
+        args,
+        f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
+        f"{args.starts} starts",
+    )
+    result = fit(tests, args.objective, **options)
+    if args.json is not None:
+        _common.write_json(result.to_dict(), args.json, args.force)
+    if not _common.prints_json(args):
+        print(result.report())
+    if figures:
+        _draw(args, result, options["setup"], tests, figures)
+    return 0
+
+
+def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path, Path]]:
+    """Profile and residual picture of each test; refused before the work where they exist."""
+    from bulgefit.errors import InputError
+    from bulgefit.files import check_output
+
+    if args.plots is None:
+        return []
+    folder = Path(args.plots)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--plots {folder}: cannot be made ({error.strerror})") from error
+    unique = [n if names.count(n) == 1 else f"{n}_{i + 1}" for i, n in enumerate(names)]
+    pairs = [(folder / f"{n}_profiles.png", folder / f"{n}_residuals.png") for n in unique]
+    for path in (p for pair in pairs for p in pair):
+        check_output(path, args.force)
+    return pairs
+
+
+def _draw(
+    args: argparse.Namespace,
+    result: FitResult,
+    setup: object,
+    tests: list,
+    figures: list[tuple[Path, Path]],
+) -> None:
+    from bulgefit.model.virtual_test import Setup, VirtualTests
+    from bulgefit.report.profiles import plot_profiles
+    from bulgefit.report.residuals import plot_residuals
+
+    assert isinstance(setup, Setup)
+    predictions = VirtualTests(tests, setup).predict(result.material)
+    values = ", ".join(f"{k} {v:.4g}" for k, v in result.material.values.items())
+    label = f"{result.objective} fit: {values}"
+    for test, prediction, (profiles, residuals) in zip(tests, predictions, figures, strict=True):
+        plot_profiles(test, prediction, profiles, label=label, force=args.force)
+        plot_residuals(test, prediction, residuals, force=args.force)
+        _common.progress(args, f"drew {profiles} and {residuals}")

@@ -1,0 +1,135 @@
+"""Fit material parameters to bulge tests."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import BulgefitError
+from bulgefit.inverse.minimise import GAUSS_NEWTON, Limits
+from bulgefit.inverse.multistart import multistart
+from bulgefit.inverse.objective import Objective
+from bulgefit.inverse.problem import Problem
+from bulgefit.inverse.result import FitResult, Stability, describe_tests
+from bulgefit.model.parameters import Material
+from bulgefit.model.virtual_test import Setup
+
+__all__ = ["fit"]
+
+
+def fit(
+    tests: BulgeTest | Sequence[BulgeTest],
+    objective: str = "e_w",
+    *,
+    material: str = "orthotropic",
+    free: Iterable[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    held: Mapping[str, float] | None = None,
+    weight: float | Sequence[float] | None = None,
+    average: str = "points",
+    setup: Setup | None = None,
+    starts: int = 5,
+    seed: int = 0,
+    method: str = GAUSS_NEWTON,
+    limits: Limits | None = None,
+    executor: Executor | None = None,
+    workers: int = 1,
+) -> FitResult:
+    """Material parameters that bring the virtual test closest to the measured ones.
+
+    Parameters
+    ----------
+    tests : BulgeTest or sequence of BulgeTest
+        Several are fitted together; the objective is their mean.
+    objective : {"e_w", "e", "e_z"}
+        See `bulgefit.inverse.objective`.
+    material : {"orthotropic", "isotropic", "isotropic-EG"}
+    free : iterable of str
+        Freed beyond the moduli: "nu12" or "nu".
+    bounds : mapping of name to (lower, upper), optional
+        MPa; default: the study's.
+    held : mapping of name to value, optional
+        nu12 or nu where it is not the tests'.
+    weight, average
+        See `Objective`.
+    setup : Setup, optional
+        Law, mesh, field evaluation.
+    starts, seed : int
+        Scrambled-Sobol starts; the same seed gives the same result for any number of workers.
+    method : str
+        "gauss-newton" or a scipy minimiser.
+    limits : Limits, optional
+    executor : concurrent.futures.Executor, optional
+    workers : int
+        Threads where no executor is given.
+
+    Raises
+    ------
+    InputError
+        Input that cannot be used.
+    BulgefitError
+        Every evaluation of every start failed.
+    """
+    began = time.perf_counter()
+    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    target = Objective(given, objective, setup, weight=weight, average=average)
+    problem = Problem(target, material, free=free, bounds=bounds, held=held)
+    descents = multistart(
+        problem,
+        starts=starts,
+        seed=seed,
+        method=method,
+        limits=limits,
+        executor=executor,
+        workers=workers,
+    )
+    values = [d.best.value for d in descents]
+    if not np.isfinite(values).any():
+        raise BulgefitError(f"no start found an equilibrium: {descents[0].reason}")
+    best = descents[int(np.nanargmin(values))]
+    found = problem.material(problem.coordinates(best.best.values))
+    fields = target.virtual.fields(found)
+    return FitResult(
+        material=found,
+        free=problem.free,
+        objective=objective,
+        value=best.best.value,
+        weights=target.weights.tolist(),
+        tests=target.parts(fields),
+        descents=descents,
+        stability=stability(target, found),
+        settings={
+            "law": target.virtual.setup.law,
+            "evaluation": target.virtual.setup.evaluation,
+            "interpolation": target.virtual.setup.interpolation,
+            "relaxation": target.virtual.setup.relaxation,
+            "cells": len(target.virtual.membrane(given[0]).mesh.cells),
+            "tolerance_mm": target.virtual.setup.tolerance,
+            "average": average,
+            "method": method,
+            "starts": starts,
+            "seed": seed,
+        },
+        seconds=time.perf_counter() - began,
+        sources=describe_tests(given),
+    )
+
+
+def stability(objective: Objective, material: Material) -> Stability:
+    """Where the model with these parameters stops being stable, against the frames."""
+    lost = []
+    wrinkled = False
+    for path in objective.virtual.paths(material, derivatives=False).values():
+        wrinkled |= bool(path.wrinkled.any())
+        unstable = np.flatnonzero(~path.stable)
+        if len(unstable):
+            lost.append(path.pressure[max(unstable[0] - 1, 0)])
+    if not lost:
+        return Stability(None, 0, wrinkled)
+    limit = min(lost)
+    beyond = sum(int((test.pressure > limit).sum()) for test in objective.tests)
+    return Stability(10.0 * limit, beyond, wrinkled)

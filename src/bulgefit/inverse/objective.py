@@ -1,0 +1,276 @@
+"""The published objectives: how far a virtual test is from the measured one, in mm.
+
+For a test with N measured values of a component over all points and pressures,
+
+    r_dx = 1/N Σ |dx_model - dx_test|,    likewise r_dy, r_dz
+    e    = r_dx + r_dy + r_dz
+    e_w  = r_dx + r_dy + w r_dz,          w = ½ (max|dx| + max|dy|) / max|dz| of the tests
+    e_z  = 1/F Σ |dz_model - dz_test|     at the point nearest the centre, F frames
+
+and for several tests the mean over tests. The study's paper averages over all points of a test
+(`average="points"`, the default here); its code averages over each frame first
+(`average="frames"`), which weighs sparse frames up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.inverse.l1 import absolute_sums, count_measured, weighted_normal
+from bulgefit.model.parameters import Material
+from bulgefit.model.virtual_test import Fields, Setup, VirtualTests, apex_blocks
+
+__all__ = ["OBJECTIVES", "Objective", "TestParts", "displacement_weight"]
+
+Floats = NDArray[np.floating]
+
+OBJECTIVES = ("e", "e_w", "e_z")
+AVERAGES = ("points", "frames")
+
+
+def displacement_weight(tests: Sequence[BulgeTest]) -> float:
+    """Weight of dz in e_w that balances the components: maxima of the data of all tests, 1."""
+    largest = np.zeros(3)
+    for test in tests:
+        for block in test.blocks:
+            with np.errstate(invalid="ignore"):
+                peaks = np.fmax.reduce(np.abs(block.displacement), axis=(0, 1))
+            largest = np.fmax(largest, peaks)
+    if largest[2] <= 0.0 or not largest[:2].any():
+        return 1.0
+    return float(0.5 * (largest[0] + largest[1]) / largest[2])
+
+
+@dataclass(frozen=True)
+class TestParts:
+    """The objectives of one test and their parts, mm; None where nothing was measured."""
+
+    name: str
+    dx: float | None
+    dy: float | None
+    dz: float | None
+    e: float
+    e_w: float
+    e_z: float | None
+
+    __test__ = False  # not a pytest class
+
+
+class Objective:
+    """One of the published objectives on given tests.
+
+    Parameters
+    ----------
+    tests : sequence of BulgeTest
+    name : {"e", "e_w", "e_z"}
+    setup : Setup, optional
+    weight : float or (3,) sequence, optional
+        Of dz, or of dx, dy, dz, in e_w; default `displacement_weight(tests)`.
+    average : {"points", "frames"}
+        See the module.
+
+    Raises
+    ------
+    InputError
+        Unknown names, or no value that the objective could compare.
+    """
+
+    def __init__(
+        self,
+        tests: Sequence[BulgeTest],
+        name: str = "e_w",
+        setup: Setup | None = None,
+        *,
+        weight: float | Sequence[float] | None = None,
+        average: str = "points",
+    ) -> None:
+        if name not in OBJECTIVES:
+            raise InputError(f"objective: {name!r} is unknown; choose from {', '.join(OBJECTIVES)}")
+        if average not in AVERAGES:
+            raise InputError(f"average: {average!r} is unknown; choose from {', '.join(AVERAGES)}")
+        self.name = name
+        self.average = average
+        self.virtual = VirtualTests(tests, setup)
+        self.tests = self.virtual.tests
+        self.weights = _component_weights(self.tests, weight)
+        factors = {"e": np.ones(3), "e_w": self.weights, "e_z": np.array([0.0, 0.0, 1.0])}[name]
+        self._parts = [
+            _Part(test, apex_blocks(test) if name == "e_z" else test.blocks, average)
+            for test in self.tests
+        ]
+        self._apex = [_Part(test, apex_blocks(test), average) for test in self.tests]
+        for part in self._parts:
+            part.scale(factors / len(self.tests))
+            if not part.counts[:, factors > 0].any():
+                raise InputError(
+                    f"{part.test.name}: nothing was measured that {name} compares"
+                    + (" (no dz near the centre)" if name == "e_z" else "")
+                )
+
+    @property
+    def weight(self) -> float:
+        """Weight of dz in e_w."""
+        return float(self.weights[2])
+
+    def value(self, material: Material) -> float:
+        """The objective, mm; raises SolveError or InputError (inadmissible parameters)."""
+        return self.from_fields(self.virtual.fields(material))
+
+    def gradient(self, material: Material) -> tuple[float, Floats]:
+        """The objective, mm, and its derivative by every parameter of the material."""
+        fields = self.virtual.fields(material, derivatives=True)
+        total, slope = 0.0, np.zeros(len(material.values))
+        for part, field in zip(self._parts, fields, strict=True):
+            for block, scale in zip(part.blocks, part.scales, strict=True):
+                operator = self.virtual.observation(part.test, block)
+                nodal = np.ascontiguousarray(field.displacement[block.frames])
+                pull = np.empty_like(nodal)
+                sums = absolute_sums(operator, nodal, block.displacement, scale, pull)
+                total += float((scale * sums).sum())
+                assert field.derivative is not None
+                slope += np.tensordot(field.derivative[:, block.frames], pull, axes=3)
+        return total, slope
+
+    def from_fields(self, fields: Sequence[Fields]) -> float:
+        """The objective of given nodal displacements, mm."""
+        total = 0.0
+        for part, field in zip(self._parts, fields, strict=True):
+            for sums, scale in zip(self._sums(part, field), part.scales, strict=True):
+                total += float((scale * sums).sum())
+        return total
+
+    def normal(
+        self, fields: Sequence[Fields], step: Floats, columns: Floats, floor: float
+    ) -> tuple[Floats, Floats, float]:
+        """Reweighted normal equations after a linear step from given fields.
+
+        Parameters
+        ----------
+        fields : sequence of Fields
+            With derivatives.
+        step : (free,) array
+            Of the free coordinates.
+        columns : (parameters, free) array
+            Derivative of the material's parameters by the free coordinates.
+        floor : float, mm
+            Residuals below it weigh alike.
+
+        Returns
+        -------
+        hessian (free, free), gradient (free,), value in mm
+            Of the linearised objective at `step`.
+        """
+        size = len(step)
+        hessian, gradient, value = np.zeros((size, size)), np.zeros(size), 0.0
+        for part, field in zip(self._parts, fields, strict=True):
+            assert field.derivative is not None
+            derivative = np.tensordot(columns.T, field.derivative, 1)
+            moved = field.displacement + np.tensordot(step, derivative, 1)
+            for block, scale in zip(part.blocks, part.scales, strict=True):
+                h, g, v = weighted_normal(
+                    self.virtual.observation(part.test, block),
+                    np.ascontiguousarray(moved[block.frames]),
+                    derivative[:, block.frames],
+                    block.displacement,
+                    scale,
+                    np.full(3, floor),
+                )
+                hessian, gradient, value = hessian + h, gradient + g, value + v
+        return hessian, gradient, value
+
+    def parts(self, fields: Sequence[Fields]) -> list[TestParts]:
+        """Every objective of every test for given nodal displacements."""
+        return [
+            self._test_parts(test, field, apex)
+            for test, field, apex in zip(self.tests, fields, self._apex, strict=True)
+        ]
+
+    def resting(self) -> list[Fields]:
+        """Fields of a model that does not deform (the study's Table 5)."""
+        return [
+            Fields(np.zeros((test.n_frames, len(self.virtual.membrane(test).mesh.nodes), 3)), None)
+            for test in self.tests
+        ]
+
+    def combined(self, parts: Sequence[TestParts]) -> dict[str, float | None]:
+        """Means over tests of e, e_w and e_z, mm."""
+        return {
+            key: None
+            if any(getattr(p, key) is None for p in parts)
+            else float(np.mean([getattr(p, key) for p in parts]))
+            for key in OBJECTIVES
+        }
+
+    def _sums(self, part: _Part, field: Fields) -> list[Floats]:
+        return [
+            absolute_sums(
+                self.virtual.observation(part.test, block),
+                np.ascontiguousarray(field.displacement[block.frames]),
+                block.displacement,
+                np.zeros((len(block.frames), 3)),
+            )
+            for block in part.blocks
+        ]
+
+    def _test_parts(self, test: BulgeTest, field: Fields, apex: _Part) -> TestParts:
+        whole = _Part(test, test.blocks, self.average)
+        r = whole.means(self._sums(whole, field))
+        near = apex.means(self._sums(apex, field))[2] if apex.blocks else None
+        measured = [0.0 if value is None else value for value in r]
+        return TestParts(
+            test.name,
+            dx=r[0],
+            dy=r[1],
+            dz=r[2],
+            e=sum(measured),
+            e_w=float(np.dot(self.weights, measured)),
+            e_z=near,
+        )
+
+
+class _Part:
+    """Blocks of one test that an objective looks at, and the factor of each frame's sums."""
+
+    def __init__(self, test: BulgeTest, blocks: tuple[Block, ...], average: str) -> None:
+        self.test, self.blocks = test, blocks
+        counted = [count_measured(block.displacement) for block in blocks]
+        self.counts = np.concatenate(counted) if counted else np.zeros((0, 3), dtype=int)
+        if average == "points":
+            share = 1.0 / np.maximum(self.counts.sum(axis=0), 1)
+            self._share = [np.broadcast_to(share, c.shape) for c in counted]
+        else:
+            frames = np.maximum((self.counts > 0).sum(axis=0), 1)
+            self._share = [1.0 / (np.maximum(c, 1) * frames) for c in counted]
+        self.scales = self._share
+
+    def scale(self, factors: Floats) -> None:
+        """Multiply the components by `factors` (3,)."""
+        self.scales = [share * factors for share in self._share]
+
+    def means(self, sums: list[Floats]) -> list[float | None]:
+        """Mean absolute deviation per component, mm; None where nothing was measured."""
+        total = sum((s * f).sum(axis=0) for s, f in zip(sums, self._share, strict=True))
+        return [
+            float(v) if n else None
+            for v, n in zip(np.atleast_1d(total), self.counts.sum(axis=0), strict=True)
+        ]
+
+
+def _component_weights(
+    tests: Sequence[BulgeTest], weight: float | Sequence[float] | None
+) -> Floats:
+    """Weights of dx, dy, dz in e_w."""
+    if weight is None:
+        weight = displacement_weight(tests)
+    given = np.atleast_1d(np.asarray(weight, dtype=float))
+    if given.shape == (1,):
+        given = np.array([1.0, 1.0, given[0]])
+    if given.shape != (3,) or not np.isfinite(given).all() or (given < 0).any():
+        raise InputError(f"weight: one of dz, or three of dx, dy, dz, none negative; got {weight}")
+    return given
