@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
+    from bulgefit.inverse.crossval import crossval as crossval
+    from bulgefit.inverse.evaluate import evaluate as evaluate
+    from bulgefit.inverse.fit import fit as fit
     from bulgefit.model.parameters import Material as Material
     from bulgefit.model.parameters import material as material
     from bulgefit.report.fields import plot_fields as plot_fields

@@ -175,7 +175,7 @@ def simulate(
         angle=np.deg2rad(angle),
         solver=linear_solver,
     )
-    stiffness = parameters.stiffness()
+    stiffness = np.asarray(parameters.stiffness(), dtype=np.float64)
     with threadpool_limits(1):  # so that results do not depend on the machine's cores
         path = trace(
             membrane,
