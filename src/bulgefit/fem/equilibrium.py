@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 CORRECTION = 1e-9
 #: Iterations from a rough guess, and from the prediction of a path.
 FROM_AFAR, FROM_NEAR = 60, 12
+#: Steps over the radius after which another factorisation will be needed.
+TANGENT_ABOVE = 3e-4
 
 
 class NewtonError(ArithmeticError):
@@ -79,7 +81,7 @@ def solve(
     pressure: float,
     stiffness: Floats,
     *,
-    renew_above: float = 1e-4,
+    renew_above: float = 1e-6,
     follow: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
@@ -115,15 +117,14 @@ def solve(
     if not np.isfinite(state.potential):
         raise NewtonError("the starting shape has a collapsed cell", 0, np.inf, 0)
     for iteration in range(1, (FROM_NEAR if follow else FROM_AFAR) + 1):
+        if state.tangent is None:
+            state = membrane.state(displacement, pressure, stiffness)
         factor, stable = search.factor(state, iteration)
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         if np.abs(correction).max() <= renew_above * unit and search.shift == 0.0:
             polished = search.polish(displacement, factor, correction, unit)
             if polished is not None:
-                return Equilibrium(
-                    pressure, polished, factor, search.work, state.wrinkled, stable
-                )
-        state = membrane.state(displacement, pressure, stiffness)
+                return Equilibrium(pressure, polished, factor, search.work, state.wrinkled, stable)
     raise NewtonError(
         f"no convergence in {iteration} iterations", iteration, _norm(state), search.work
     )
@@ -169,10 +170,12 @@ class _Search:
         step = -factor.solve(state.residual)
         size = float(np.abs(step).max())
         slope = float(state.residual @ step)
+        # after a long step the next iteration needs the tangent, so get it in the same sweep
+        far = size > TANGENT_ABOVE * self.membrane.radius
         fraction = 1.0
         for _ in range(6 if self.follow else 25):
             trial = displacement + self.membrane.spread(fraction * step)
-            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=False)
+            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=far)
             if np.isfinite(new.potential):
                 correction = -factor.solve(new.residual)
                 natural = float(np.abs(correction).max()) <= (1 - 0.5 * fraction) * size
@@ -194,9 +197,7 @@ class _Search:
             displacement = displacement + self.membrane.spread(correction)
             if size <= CORRECTION * unit:
                 return displacement
-            state = self.membrane.state(
-                displacement, self.pressure, self.stiffness, tangent=False
-            )
+            state = self.membrane.state(displacement, self.pressure, self.stiffness, tangent=False)
             correction = -factor.solve(state.residual)
         return None
 

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from bulgefit.fem.jit import compiled
 
 __all__ = ["LAWS", "SLACK", "TAUT", "WRINKLED", "point_response"]
 
@@ -42,7 +42,7 @@ TAUT, WRINKLED, SLACK = 0, 1, 2
 _SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _log_coefficient(m, s):
     """g(m, s) = atanh(√s/m)/√s with g_m, g_s, g_mm, g_ms, g_ss."""
     det = m * m - s
@@ -65,7 +65,7 @@ def _log_coefficient(m, s):
     return g, -1.0 / det, g_s, 2.0 * m / (det * det), -1.0 / (det * det), g_ss
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _strain(c11, c22, c12, law):
     """Strain (e11, e22, 2 e12) of C in the law's measure."""
     if law == 1:
@@ -77,26 +77,34 @@ def _strain(c11, c22, c12, law):
     return 0.5 * (area + g * h), 0.5 * (area - g * h), g * c12
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
-    `q` holds D11, D22, D12, D33 (MPa).
+    Elastic strain e - slack; along warp and fill the stress gains a E e² in tension.
+
+    `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), and the gains a E along
+    warp and fill (MPa).
     """
+    e1, e2 = e1 - q[4], e2 - q[5]
     t1 = q[0] * e1 + q[2] * e2
     t2 = q[2] * e1 + q[1] * e2
     t3 = q[3] * e3
     psi = 0.5 * (t1 * e1 + t2 * e2 + t3 * e3)
-    return psi, t1, t2, t3, q[0], q[1], q[3], q[2]
+    p1, p2 = max(e1, 0.0), max(e2, 0.0)
+    psi += (q[6] * p1 * p1 * p1 + q[7] * p2 * p2 * p2) / 3.0
+    t1 += q[6] * p1 * p1
+    t2 += q[7] * p2 * p2
+    return psi, t1, t2, t3, q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2, q[3], q[2]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _energy(c11, c22, c12, q, law):
     e1, e2, e3 = _strain(c11, c22, c12, law)
     return _potential(e1, e2, e3, q)[0]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _response(c11, c22, c12, q, law, out):
     """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23) into `out` (10,)."""
     if law == 1:
@@ -163,13 +171,17 @@ def _response(c11, c22, c12, q, law, out):
     out[9] = w_mk - w_hk
 
 
-@njit(cache=True, error_model="numpy")
-def _is_slack(c11, c22, c12):
-    """True where I - C is positive semidefinite: no direction is stretched."""
-    return c11 <= 1.0 and c22 <= 1.0 and (1.0 - c11) * (1.0 - c22) >= c12 * c12
+@compiled
+def _is_slack(c11, c22, c12, q, law):
+    """True where C0 - C is positive semidefinite, C0 the natural state: nothing is stretched."""
+    if law == 1:
+        n1, n2 = 1.0 + 2.0 * q[4], 1.0 + 2.0 * q[5]
+    else:
+        n1, n2 = math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
+    return c11 <= n1 and c22 <= n2 and (n1 - c11) * (n2 - c22) >= c12 * c12
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _wrinkle(c11, c22, c12, q, law, out):
     """Minimise W(C + a⊗a) over a by Newton's method; `out` ends at the minimum.
 
@@ -193,7 +205,7 @@ def _wrinkle(c11, c22, c12, q, law, out):
         r1 = out[1] * a1 + out[3] * a2
         r2 = out[3] * a1 + out[2] * a2
         norm_a = math.hypot(a1, a2)
-        if math.hypot(r1, r2) <= 1e-14 * scale * norm_a:
+        if math.hypot(r1, r2) <= 1e-13 * scale * norm_a:
             return a1, a2, True
         m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
         # Newton only where the Hessian is positive definite, else with a shift that makes it so
@@ -210,16 +222,17 @@ def _wrinkle(c11, c22, c12, q, law, out):
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
             _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, out)
-            if out[0] <= energy + 1e-4 * step * slope + 1e-15 * abs(energy):
+            # strains carry a rounding error of 1e-16, and the energy with them
+            if out[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
             step *= 0.5
-        if step * math.hypot(d1, d2) <= 1e-15 * norm_a:
-            return b1, b2, True
         a1, a2 = b1, b2
+        if step * math.hypot(d1, d2) <= 1e-12 * norm_a:
+            return a1, a2, True
     return a1, a2, False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _wrinkle_hessian(a1, a2, out):
     """∂²W/∂a∂a = S + BᵀCC B with B = ∂E/∂a of E + ½ a⊗a."""
     p11 = out[4] * a1 + out[8] * a2  # CC B, column 1 = (a1, 0, a2)
@@ -233,7 +246,7 @@ def _wrinkle_hessian(a1, a2, out):
     return m11, m22, m12
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _condense(a1, a2, out):
     """Take the wrinkle out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC, in place."""
     m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
@@ -253,7 +266,7 @@ def _condense(a1, a2, out):
     out[9] -= i11 * y1 * z1 + i22 * y2 * z2 + i12 * (y1 * z2 + y2 * z1)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def point_response(c11, c22, c12, q, law, relax, out):
     """Energy, stress and tangent of a material point.
 
@@ -261,8 +274,8 @@ def point_response(c11, c22, c12, q, law, relax, out):
     ----------
     c11, c22, c12 : float
         Right Cauchy-Green tensor in material axes.
-    q : (4,) array, MPa
-        Plane-stress stiffness D11, D22, D12, D33.
+    q : (8,) array, MPa and 1
+        Plane-stress stiffness, slack and gains, as `_potential` takes them.
     law : int
         A value of `LAWS`.
     relax : bool
@@ -277,7 +290,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     """
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1
-    if relax and _is_slack(c11, c22, c12):
+    if relax and _is_slack(c11, c22, c12, q, law):
         out[:] = 0.0
         return SLACK
     _response(c11, c22, c12, q, law, out)
@@ -293,7 +306,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     return WRINKLED
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
     """∂S/∂D at fixed C for the four stiffness components.
 
@@ -303,7 +316,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
     Parameters
     ----------
     work : (10,) array
-    unit : (4,) array
+    unit : (8,) array
         Scratch.
     out : (4, 3) array
         Filled with ∂(S11, S22, S12)/∂(D11, D22, D12, D33), 1.
@@ -316,7 +329,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1
     out[:] = 0.0
-    if relax and _is_slack(c11, c22, c12):
+    if relax and _is_slack(c11, c22, c12, q, law):
         return SLACK
     _response(c11, c22, c12, q, law, work)
     a1, a2 = 0.0, 0.0
@@ -340,6 +353,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
     for i in range(4):
         unit[:] = 0.0
         unit[i] = 1.0
+        unit[4], unit[5] = q[4], q[5]
         _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, unit, law, work)
         s1, s2, s3 = work[1], work[2], work[3]
         if state == WRINKLED:

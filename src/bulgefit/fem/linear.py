@@ -11,12 +11,12 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
+from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
 
@@ -74,30 +74,32 @@ class LinearSolver(Protocol):
         """Factor of a tangent that need not be positive definite, with pivoting."""
         ...
 
+    def multiply(self, data: Floats, columns: Floats) -> Floats:
+        """The tangent times columns (N, k)."""
+        ...
+
 
 def _number(
-    cells: NDArray[np.int64], free: NDArray[np.bool_]
+    cells: NDArray[np.int64], free: NDArray[np.bool_], order: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Bandwidth-reducing numbers (n, 3) of the free displacements, and each cell's pairs."""
-    n = len(free)
-    rows = np.repeat(cells, 4, axis=1).ravel()
-    columns = np.tile(cells, (1, 4)).ravel()
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n)).tocsr()
-    order = reverse_cuthill_mckee(graph, symmetric_mode=True)
-    dof = np.full(free.shape, -1, dtype=np.int64)
+    """Numbers (n, 3) of the free displacements along `order`, and each cell's pairs."""
+    numbers = np.full((len(order), 3), -1, dtype=np.int64)
     ordered = free[order]
-    numbers = np.full(free.shape, -1, dtype=np.int64)
-    numbers[ordered] = np.arange(int(free.sum()))
+    numbers[ordered] = np.arange(int(ordered.sum()))
+    dof = np.full(free.shape, -1, dtype=np.int64)
     dof[order] = numbers
     cell_dof = dof[cells].reshape(len(cells), 12)
     return dof, cell_dof[:, _ROWS], cell_dof[:, _COLUMNS]
 
 
 class BandedCholesky:
-    """LAPACK's banded Cholesky after reverse Cuthill-McKee."""
+    """LAPACK's banded Cholesky in the narrowest order found."""
 
-    def __init__(self, cells: NDArray[np.int64], free: NDArray[np.bool_]) -> None:
-        self.dof, row, column = _number(cells, free)
+    def __init__(
+        self, positions: Floats, cells: NDArray[np.int64], free: NDArray[np.bool_]
+    ) -> None:
+        order = narrow_order(positions, cells, free.any(axis=1))
+        self.dof, row, column = _number(cells, free, order)
         self.size = int(free.sum())
         kept = (row >= 0) & (column >= 0)
         below = np.abs(row - column)
@@ -131,6 +133,12 @@ class BandedCholesky:
             raise NotPositiveDefiniteError(f"zero pivot {info}")
         return BandedLUFactor(factor, pivots, below)
 
+    def multiply(self, data: Floats, columns: Floats) -> Floats:
+        """The tangent times columns (N, k)."""
+        band = data[:-1].reshape((self._height, self.size), order="F")
+        below = self._height - 1
+        return np.stack([blas.dsbmv(below, 1.0, band, c, lower=1) for c in columns.T], axis=1)
+
 
 class BandedLUFactor:
     """A banded LU factor."""
@@ -141,9 +149,7 @@ class BandedLUFactor:
     def solve(self, right: Floats) -> Floats:
         """Solution for right-hand sides (N,) or (N, k)."""
         columns = right[:, None] if right.ndim == 1 else right
-        solution, info = lapack.dgbtrs(
-            self._band, self._below, self._below, columns, self._pivots
-        )
+        solution, info = lapack.dgbtrs(self._band, self._below, self._below, columns, self._pivots)
         if info != 0:
             raise ValueError(f"dgbtrs: argument {-info}")
         return solution[:, 0] if right.ndim == 1 else solution
@@ -166,8 +172,10 @@ class BandedFactor:
 class SparseLU:
     """SuperLU on the symmetric pattern, minimum degree of A + Aᵀ, diagonal pivots."""
 
-    def __init__(self, cells: NDArray[np.int64], free: NDArray[np.bool_]) -> None:
-        self.dof, row, column = _number(cells, free)
+    def __init__(
+        self, positions: Floats, cells: NDArray[np.int64], free: NDArray[np.bool_]
+    ) -> None:
+        self.dof, row, column = _number(cells, free, np.arange(len(free)))
         self.size = int(free.sum())
         kept = (row >= 0) & (column >= 0)
         lower = np.maximum(row, column), np.minimum(row, column)
@@ -215,6 +223,10 @@ class SparseLU:
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
 
+    def multiply(self, data: Floats, columns: Floats) -> Floats:
+        """The tangent times columns (N, k)."""
+        return self._full(data[:-1]) @ columns
+
     def _full(self, values: Floats) -> csc_matrix:
         return csc_matrix(
             (values[self._entry], self._indices, self._indptr), shape=(self.size, self.size)
@@ -240,12 +252,16 @@ SOLVERS: dict[str, type[BandedCholesky] | type[SparseLU]] = {
 
 
 def make_solver(
-    cells: NDArray[np.int64], free: NDArray[np.bool_], name: str | None = None
+    positions: Floats,
+    cells: NDArray[np.int64],
+    free: NDArray[np.bool_],
+    name: str | None = None,
 ) -> LinearSolver:
     """The solver called `name`, or the one that measured best for the size.
 
     Parameters
     ----------
+    positions : (n, 2) array, mm
     cells : (m, 4) int array
     free : (n, 3) bool array
         True where a nodal displacement is unknown.
@@ -256,4 +272,4 @@ def make_solver(
         name = "banded" if free.sum() <= BANDED_UP_TO else "superlu"
     if name not in SOLVERS:
         raise InputError(f"linear solver: {name!r} is unknown; choose from {', '.join(SOLVERS)}")
-    return SOLVERS[name](cells, free)
+    return SOLVERS[name](positions, cells, free)

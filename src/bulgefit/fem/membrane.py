@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError
+from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.geometry import ReferenceSurface
-from bulgefit.fem.kernels import assemble, assemble_sensitivity
+from bulgefit.fem.kernels import assemble, assemble_pressure, assemble_sensitivity
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, make_solver
 from bulgefit.fem.mesh import Mesh
 
-__all__ = ["Membrane", "State"]
+__all__ = ["Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
@@ -44,6 +45,31 @@ class State:
     tangent: Floats | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Fabric:
+    """What a specimen may have beside its moduli; the default is a flat, even, clamped fabric.
+
+    Attributes
+    ----------
+    surface : (n, 3) array, mm, or None
+        Stress-free positions of the nodes; None: flat, as the mesh is.
+    thickness : (m, 4) array or None
+        Thickness (stiffness) of each Gauss point over the nominal one, 1.
+    slack : (2,) tuple
+        Stress-free excess strain along warp and fill, 1; negative is pretension.
+    gain : (2,) tuple, MPa
+        Stress along warp and fill gains this times the squared elastic strain, in tension.
+    compliance : float, mm per N/mm, or None
+        The rim moves inwards by this times the radial edge traction; None: it is held.
+    """
+
+    surface: Floats | None = None
+    thickness: Floats | None = None
+    slack: tuple[float, float] = (0.0, 0.0)
+    gain: tuple[float, float] = (0.0, 0.0)
+    compliance: float | None = None
+
+
 class Membrane:
     """A Q4 membrane under follower pressure.
 
@@ -61,6 +87,10 @@ class Membrane:
         Displacements held at zero; default: all three on the rim.
     solver : str, optional
         Force a linear solver by name (`bulgefit.fem.linear.SOLVERS`).
+    fabric : Fabric, optional
+        What else there is to the specimen: stress-free surface, slack, gains, slipping clamp.
+    like : Membrane, optional
+        A membrane of the same mesh and held displacements, whose linear solver is shared.
     """
 
     def __init__(
@@ -73,6 +103,8 @@ class Membrane:
         angle: float = 0.0,
         fixed: NDArray[np.bool_] | None = None,
         solver: str | None = None,
+        fabric: Fabric | None = None,
+        like: Membrane | None = None,
     ) -> None:
         if law not in LAWS:
             raise InputError(f"law: {law!r} is unknown; choose from {', '.join(LAWS)}")
@@ -86,11 +118,25 @@ class Membrane:
         if fixed is None:
             fixed = np.zeros((len(mesh.nodes), 3), dtype=bool)
             fixed[mesh.rim] = True
+        self.fabric = fabric or Fabric()
+        if self.fabric.compliance is not None:
+            fixed = fixed.copy()
+            fixed[mesh.rim, :2] = False
         self.fixed = fixed
-        self.reference = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
+        flat = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
+        self.reference = flat if self.fabric.surface is None else self.fabric.surface
         self.surface = ReferenceSurface.of(self.reference, mesh.cells, self.angle)
         self.weight = self.thickness * self.surface.area
-        self.linear = make_solver(mesh.cells, ~fixed, solver)
+        if self.fabric.thickness is not None:
+            self.weight = self.weight * self.fabric.thickness
+        self.linear = (
+            make_solver(mesh.nodes, mesh.cells, ~fixed, solver) if like is None else like.linear
+        )
+        self.clamp = (
+            None
+            if self.fabric.compliance is None
+            else Clamp(mesh, self.reference, self.linear, self.fabric.compliance)
+        )
         free = self.linear.dof >= 0
         # (size,) flat nodal index of each unknown, in the solver's order
         self._unknowns = np.empty(self.linear.size, dtype=np.int64)
@@ -119,28 +165,35 @@ class Membrane:
         data = np.empty(self.linear.length if tangent else 1)
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            stiffness, LAWS[self.law], self.relaxation, pressure, self.linear.scatter,
-            residual, data, tangent,
+            self._law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
+            self.linear.scatter, residual, data, tangent,
         )  # fmt: skip
+        if self.clamp is not None:
+            potential += self.clamp.add(displacement, residual, data if tangent else None)
         return State(
             potential, self.gather(residual), residual, wrinkled, data if tangent else None
         )
 
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""
-        zero = np.zeros(4)
-        return -self.state(displacement, 1.0, zero, tangent=False).residual
+        out = np.empty_like(self.reference)
+        assemble_pressure(self.reference + displacement, self.mesh.cells, out)
+        return self.gather(out)
 
     def stiffness_force(self, displacement: Floats, stiffness: Floats) -> Floats:
         """∂R/∂(D11, D22, D12, D33) at fixed displacement, (4, N) mm²."""
         out = np.empty((4, *self.reference.shape))
         ok = assemble_sensitivity(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            stiffness, LAWS[self.law], self.relaxation, out,
+            self._law_parameters(stiffness), LAWS[self.law], self.relaxation, out,
         )  # fmt: skip
         if not ok:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")
         return self.gather(out)
+
+    def _law_parameters(self, stiffness: Floats) -> Floats:
+        """What the kernels call q, (8,)."""
+        return np.concatenate([stiffness, self.fabric.slack, self.fabric.gain])
 
     def factorise(self, state: State, shift: float = 0.0) -> Factor:
         """Factor of the state's tangent; raises NotPositiveDefiniteError."""

@@ -125,15 +125,13 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
         [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1
     ).reshape(-1, 4)
     following = np.roll(numbers, -1, axis=1)
-    around = np.stack(
-        [numbers[:-1], numbers[1:], following[1:], following[:-1]], axis=-1
-    ).reshape(-1, 4)
+    around = np.stack([numbers[:-1], numbers[1:], following[1:], following[:-1]], axis=-1).reshape(
+        -1, 4
+    )
     return Mesh.from_arrays(nodes, np.concatenate([inner, around]))
 
 
-def rectangle(
-    x: tuple[float, float], y: tuple[float, float], cells_x: int, cells_y: int
-) -> Mesh:
+def rectangle(x: tuple[float, float], y: tuple[float, float], cells_x: int, cells_y: int) -> Mesh:
     """A regular grid on the rectangle `x` times `y` (mm)."""
     gx, gy = np.meshgrid(np.linspace(*x, cells_x + 1), np.linspace(*y, cells_y + 1), indexing="xy")
     index = np.arange(gx.size).reshape(gx.shape)

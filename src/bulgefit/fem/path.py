@@ -20,8 +20,8 @@ __all__ = ["Path", "linear_interpolation_bound"]
 
 Floats = NDArray[np.float64]
 
-#: Levels in a stencil, with slopes (degree 7) and without (degree 5).
-HERMITE_LEVELS, LAGRANGE_LEVELS = 4, 6
+#: Levels in a stencil: values and slopes make a polynomial of degree 7.
+STENCIL = 4
 
 #: Parity of (dx, dy, dz) under blowing from the other side.
 PARITY = np.array([1.0, 1.0, -1.0])
@@ -42,6 +42,8 @@ class Path:
         ∂u/∂s, s = p^(1/3).
     sensitivity : (levels, 4, n, 3) array, mm/MPa, or None
         ∂u/∂(D11, D22, D12, D33) at fixed pressure.
+    sensitivity_slope : (levels, 4, n, 3) array, mm/MPa^(4/3), or None
+        Its derivative ∂/∂s, so that the dense output's own derivative is exact.
     mirrored : bool
         True where the membrane is flat, so that levels have mirror images.
     factorisations : int
@@ -60,6 +62,7 @@ class Path:
     displacement: Floats
     slope: Floats
     sensitivity: Floats | None
+    sensitivity_slope: Floats | None
     mirrored: bool
     factorisations: int
     error_estimate: float
@@ -88,40 +91,21 @@ class Path:
 
     def stiffness_sensitivity(self, pressure: ArrayLike) -> Floats:
         """∂u/∂(D11, D22, D12, D33) at pressures (k,) MPa: (4, k, n, 3) mm/MPa."""
-        if self.sensitivity is None:
+        if self.sensitivity is None or self.sensitivity_slope is None:
             raise ValueError("the path was traced without sensitivities")
-        weights = self.value_weights(pressure)
-        return np.stack([_combine(weights, self.sensitivity[:, j]) for j in range(4)])
+        value, slope = self.weights(pressure)
+        return np.stack(
+            [
+                _combine(value, self.sensitivity[:, j])
+                + _combine(slope, self.sensitivity_slope[:, j])
+                for j in range(4)
+            ]
+        )
 
     def weights(self, pressure: ArrayLike) -> tuple[Floats, Floats]:
         """Weights of level values and slopes, each (3 components, k, levels)."""
-        return self._weights(pressure, HERMITE_LEVELS, with_slopes=True)
-
-    def value_weights(self, pressure: ArrayLike) -> Floats:
-        """Weights (3 components, k, levels) for a field known at the levels without slope."""
-        return self._weights(pressure, LAGRANGE_LEVELS, with_slopes=False)[0]
-
-    def _weights(
-        self, pressure: ArrayLike, width: int, *, with_slopes: bool
-    ) -> tuple[Floats, Floats]:
         p = self._checked(pressure)
-        s, at = np.cbrt(self.pressure), np.cbrt(p)
-        count = len(s)
-        images = min(count, width // 2) if self.mirrored else 0
-        knots = np.concatenate([-s[:images][::-1], s])
-        value, slope = np.zeros((2, len(p), len(knots)))
-        for k, x in enumerate(at):
-            stencil = _nearest(knots, x, width)
-            value[k, stencil], slope[k, stencil] = (
-                _hermite(knots[stencil], x) if with_slopes else (_lagrange(knots[stencil], x), 0.0)
-            )
-        # fold the mirror images back: u(-s) = ±u(s), ∂u/∂s(-s) = ∓∂u/∂s(s)
-        image_value, image_slope = value[:, :images][:, ::-1], slope[:, :images][:, ::-1]
-        value = np.broadcast_to(value[:, images:], (3, len(p), count)).copy()
-        slope = np.broadcast_to(slope[:, images:], (3, len(p), count)).copy()
-        value[:, :, :images] += PARITY[:, None, None] * image_value
-        slope[:, :, :images] -= PARITY[:, None, None] * image_slope
-        return value, slope
+        return hermite_weights(np.cbrt(self.pressure), np.cbrt(p), mirrored=self.mirrored)
 
     def _checked(self, pressure: ArrayLike) -> Floats:
         p = np.atleast_1d(np.asarray(pressure, dtype=float))
@@ -140,10 +124,18 @@ def _combine(weights: Floats, levels: Floats) -> Floats:
 
 
 def _nearest(knots: Floats, x: float, width: int) -> slice:
-    """The `width` knots that bracket x most evenly."""
-    first = int(np.searchsorted(knots, x)) - width // 2
-    first = max(0, min(first, len(knots) - width))
-    return slice(first, min(len(knots), first + width))
+    """The `width` consecutive knots closest to the interval that holds x.
+
+    The choice depends on the interval alone, so the dense output is continuous.
+    """
+    count = len(knots)
+    if count <= width:
+        return slice(0, count)
+    left = min(max(int(np.searchsorted(knots, x, side="right")) - 1, 0), count - 2)
+    middle = 0.5 * (knots[left] + knots[left + 1])
+    first = range(max(0, left + 2 - width), min(left, count - width) + 1)
+    best = min(first, key=lambda i: max(middle - knots[i], knots[i + width - 1] - middle))
+    return slice(best, best + width)
 
 
 def _basis(knots: Floats) -> tuple[Floats, Floats]:
@@ -155,25 +147,45 @@ def _basis(knots: Floats) -> tuple[Floats, Floats]:
     return 1.0 / gaps.prod(axis=1), inverse.sum(axis=1)
 
 
-def _lagrange(knots: Floats, x: float) -> Floats:
-    """Weights of the values at `knots` in the polynomial through them."""
-    scale, _ = _basis(knots)
+def hermite(knots: Floats, x: float) -> tuple[Floats, Floats]:
+    """Weights of values and slopes at `knots` in the polynomial that takes both, at x."""
+    scale, derivative = _basis(knots)
     differences = np.broadcast_to(x - knots, (len(knots), len(knots))).copy()
     np.fill_diagonal(differences, 1.0)
-    return scale * differences.prod(axis=1)
-
-
-def _hermite(knots: Floats, x: float) -> tuple[Floats, Floats]:
-    """Weights of values and slopes at `knots` in the polynomial that takes both."""
-    square = _lagrange(knots, x) ** 2
-    _, derivative = _basis(knots)
+    square = (scale * differences.prod(axis=1)) ** 2
     return (1.0 - 2.0 * (x - knots) * derivative) * square, (x - knots) * square
 
 
-def extrapolate(knots: Floats, values: Floats, slopes: Floats, x: float) -> Floats:
-    """Hermite's polynomial through levels (k, ...) at x, inside or outside their range."""
-    value, slope = _hermite(knots, x)
-    return np.tensordot(value, values, 1) + np.tensordot(slope, slopes, 1)
+def hermite_weights(
+    s: Floats, at: Floats, *, mirrored: bool, stencil: int = STENCIL
+) -> tuple[Floats, Floats]:
+    """Weights of level values and slopes in the dense output, each (3, k, levels).
+
+    Parameters
+    ----------
+    s : (levels,) array
+        Where the levels lie, ascending.
+    at : (k,) array
+        Where the output is wanted.
+    mirrored : bool
+        The levels have mirror images at -s.
+    stencil : int
+        Levels that one polynomial goes through.
+    """
+    count = len(s)
+    images = min(count, stencil // 2) if mirrored else 0
+    knots = np.concatenate([-s[:images][::-1], s])
+    value, slope = np.zeros((2, len(at), len(knots)))
+    for k, x in enumerate(at):
+        near = _nearest(knots, x, stencil)
+        value[k, near], slope[k, near] = hermite(knots[near], x)
+    # fold the mirror images back: u(-s) = ±u(s), ∂u/∂s(-s) = ∓∂u/∂s(s)
+    image_value, image_slope = value[:, :images][:, ::-1], slope[:, :images][:, ::-1]
+    value = np.broadcast_to(value[:, images:], (3, len(at), count)).copy()
+    slope = np.broadcast_to(slope[:, images:], (3, len(at), count)).copy()
+    value[:, :, :images] += PARITY[:, None, None] * image_value
+    slope[:, :, :images] -= PARITY[:, None, None] * image_slope
+    return value, slope
 
 
 def linear_interpolation_bound(path: Path, levels: ArrayLike) -> Floats:

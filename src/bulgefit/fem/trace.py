@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.elasticity import STIFFNESS_NAMES
-from bulgefit.fem.equilibrium import Equilibrium, NewtonError, flat_guess, solve
+from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
+from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.path import PARITY, Path, extrapolate
+from bulgefit.fem.path import PARITY, STENCIL, Path, hermite_weights
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
 __all__ = ["TOLERANCE", "trace"]
@@ -21,35 +24,137 @@ Floats = NDArray[np.float64]
 #: Default error of the dense output, mm for a radius of 100 mm.
 TOLERANCE = 1e-3
 
+#: Levels whose Hermite polynomial predicts the next one.
 _PREDICTOR_LEVELS = 3
-_SMALLEST_STEP = 1e-4  # of the whole range in s
+#: Steps in s are no shorter than this share of the whole range.
+_SMALLEST_STEP = 1e-4
+#: Levels closer than this share of the range get none in between.
+_CLOSEST = 0.02
+#: Factorisations that failed attempts may cost before the path is given up.
+_PATIENCE = 120
+#: After a failure: shorter steps to try, as shares of the one that failed, and leaps over a
+#: singular point, as shares of s.
+_SHORTER, _LEAPS = (0.6, 0.3), (0.015, 0.03, 0.05, 0.022, 0.08, 0.04, 0.12)
+#: Levels that predict the next are apart by at least this share of the step.
+_APART = 0.25
+#: Share of its size by which a level's slope may differ from a parabola's.
+_ROUGH = 0.1
+#: Share of the tolerance that steps aim at.
+_AIM = 0.3
 
 
-class _Levels:
-    """Solved levels in s = p^(1/3), with the mirror images that a flat membrane has."""
+@dataclass(eq=False)
+class _Level:
+    """A solved level: what the path keeps of an equilibrium, and its factor for a while."""
 
-    def __init__(self, mirrored: bool) -> None:
-        self.mirrored = mirrored
-        self.s: list[float] = []
-        self.balance: list[Equilibrium] = []
-        self.slope: list[Floats] = []
+    s: float
+    displacement: Floats
+    slope: Floats
+    sensitivity: tuple[Floats, Floats] | None
+    wrinkled: int
+    stable: bool
+    factor: Factor | None
 
-    def add(self, s: float, balance: Equilibrium, slope: Floats) -> None:
-        self.s.append(s)
-        self.balance.append(balance)
-        self.slope.append(slope)
 
-    def newest(self, count: int) -> tuple[Floats, Floats, Floats]:
-        """Knots, values and slopes of the newest levels, images filling up."""
-        s = self.s[-count:]
-        values = [b.displacement for b in self.balance[-count:]]
-        slopes = self.slope[-count:]
-        if self.mirrored and len(s) < count:
-            images = range(min(len(s), count - len(s)))
-            s = [-s[i] for i in images] + s
-            values = [values[i] * PARITY for i in images] + values
-            slopes = [slopes[i] * -PARITY for i in images] + slopes
-        return np.array(s), np.array(values), np.array(slopes)
+class _Tracer:
+    """Solved levels in s = p^(1/3), and the work spent on them."""
+
+    def __init__(self, membrane: Membrane, stiffness: Floats, sensitivities: bool) -> None:
+        self.membrane, self.stiffness = membrane, stiffness
+        self.sensitivities = sensitivities
+        self.levels: list[_Level] = []
+        self.work = 0
+        self.wasted = 0
+        self.closing_in = False
+
+    def solve(self, s: float, guess: Floats, *, follow: bool) -> float:
+        """Balance a level and keep it; returns how far (mm) the guess was off."""
+        try:
+            balance = solve(self.membrane, guess, s**3, self.stiffness, follow=follow)
+        except NewtonError as error:
+            self.work += error.work
+            self.wasted += error.work
+            raise
+        self.work += balance.factorisations
+        slope = slope_in_pressure(self.membrane, balance)
+        if follow and not self.closing_in and self._is_rough(s, balance.displacement, slope):
+            self.wasted += balance.factorisations
+            raise NewtonError("the tangent is nearly singular", 0, 0.0, 0)
+        sensitivity = (
+            stiffness_sensitivity(self.membrane, balance, slope, self.stiffness)
+            if self.sensitivities
+            else None
+        )
+        level = _Level(
+            s,
+            balance.displacement,
+            slope,
+            sensitivity,
+            balance.wrinkled,
+            balance.stable,
+            balance.factor,
+        )
+        self.levels.insert(bisect([other.s for other in self.levels], s), level)
+        return float(np.abs(balance.displacement - guess).max())
+
+    def predict(self, s: float) -> Floats:
+        """Extrapolation of the newest levels, or of their mirror images where they are few.
+
+        Levels much closer together than the step is long would only lend it their noise.
+        """
+        levels = [self.levels[-1]]
+        apart = _APART * (s - levels[0].s)
+        for level in reversed(self.levels):
+            if level.s <= levels[0].s - apart and len(levels) < _PREDICTOR_LEVELS:
+                levels.insert(0, level)
+        return self._blend(levels, np.array([s]), _PREDICTOR_LEVELS)[0]
+
+    def interpolate(self, s: float) -> Floats:
+        """The dense output between the levels."""
+        return self._blend(self.levels, np.array([s]), STENCIL)[0]
+
+    def _is_rough(self, s: float, displacement: Floats, slope: Floats) -> bool:
+        """True where a level's slope does not fit the level below it.
+
+        The slope has a pole where the tangent is singular. A level beside the pole would spoil
+        the dense output far around it, while the path is mostly smooth on either side.
+        """
+        below = self.levels[bisect([level.s for level in self.levels], s) - 1]
+        fitting = 2.0 * (displacement - below.displacement) / (s - below.s) - below.slope
+        return bool(np.abs(slope - fitting).max() > _ROUGH * np.abs(slope).max())
+
+    def error(self, after: int) -> float:
+        """Error (mm) of the dense output halfway between level `after` and the next.
+
+        Newton's correction of the interpolated shape, by the factor of the upper level.
+        """
+        low, high = self.levels[after], self.levels[after + 1]
+        middle = 0.5 * (low.s + high.s)
+        state = self.membrane.state(
+            self.interpolate(middle), middle**3, self.stiffness, tangent=False
+        )
+        if not np.isfinite(state.potential):
+            return np.inf
+        return max(
+            float(np.abs(level.factor.solve(state.residual)).max())
+            for level in (low, high)
+            if level.factor is not None
+        )
+
+    def forget(self) -> None:
+        """Let go of the factors that no estimate needs any more."""
+        for level in self.levels[:-3]:
+            level.factor = None
+
+    def _blend(self, levels: list[_Level], at: Floats, stencil: int) -> Floats:
+        value, slope = hermite_weights(
+            np.array([level.s for level in levels]), at, mirrored=True, stencil=stencil
+        )
+        out = np.zeros((len(at), *levels[0].displacement.shape))
+        for k, level in enumerate(levels):
+            out += value[:, :, k].T[:, None, :] * level.displacement
+            out += slope[:, :, k].T[:, None, :] * level.slope
+        return out
 
 
 def trace(
@@ -63,9 +168,10 @@ def trace(
 ) -> Path:
     """Balance the membrane from the lower to the upper pressure.
 
-    Steps in s = p^(1/3) are predicted by Hermite extrapolation of the last levels. The
-    difference between prediction and equilibrium, scaled by the ratio of the error polynomials,
-    estimates the error of the dense output over the step and sets the length of the next.
+    Steps in s = p^(1/3) are predicted by Hermite extrapolation of the last levels. The error of
+    the dense output is measured halfway between levels, as Newton's correction there by the
+    factors at hand; it sets the length of the next step, and where it is above the tolerance a
+    level is put in between.
 
     Parameters
     ----------
@@ -94,78 +200,126 @@ def trace(
             f"pressures must satisfy 0 < lowest <= highest, got {10 * low:g} to {10 * high:g} bar"
         )
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
-    renew = 1e-6 if sensitivities else 1e-4
-    levels = _Levels(mirrored=True)
-    work = 0
-
-    def fail(error: NewtonError, at: float) -> SolveError:
-        reason = f"no equilibrium: {error.reason}"
-        if levels.s:
-            reason += " (a limit pressure of this material, or compression without relaxation)"
-        return SolveError(
-            reason,
-            pressure=at,
-            reached=levels.s[-1] ** 3 if levels.s else 0.0,
-            iteration=error.iteration,
-            residual_norm=error.residual_norm,
-            parameters=shown,
-        )
-
+    tracer = _Tracer(membrane, stiffness, sensitivities)
     try:
-        balance = solve(
-            membrane, flat_guess(membrane, low, stiffness), low, stiffness, renew_above=renew
-        )
+        tracer.solve(np.cbrt(low), flat_guess(membrane, low, stiffness), follow=False)
+        worst = _climb(tracer, np.cbrt(high), tolerance * membrane.radius / 100.0)
+    except _StoppedError as stopped:
+        raise _solve_error(tracer, stopped.error, stopped.s, shown) from stopped.error
     except NewtonError as error:
-        raise fail(error, low) from error
-    work += balance.factorisations
-    s, end = np.cbrt(low), np.cbrt(high)
-    levels.add(s, balance, slope_in_pressure(membrane, balance))
-    step = _first_step(membrane, stiffness)
+        raise _solve_error(tracer, error, np.cbrt(low), shown) from error
+    return _path(tracer, worst)
+
+
+class _StoppedError(ArithmeticError):
+    """No attempt to go on from the last level converged."""
+
+    def __init__(self, error: NewtonError, s: float) -> None:
+        super().__init__(error.reason)
+        self.error, self.s = error, s
+
+
+def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
+    """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
+    smallest = _SMALLEST_STEP * end
+    step = _first_step(tracer.membrane, tracer.stiffness)
     worst = 0.0
-    while s < end * (1 - 1e-12):
+    while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
         # equal steps to the end rather than a short last one
-        target = end if s + 1.01 * step >= end else s + min(step, 0.5 * (end - s) + 0.01 * step)
-        knots, values, slopes = levels.newest(_PREDICTOR_LEVELS)
-        guess = extrapolate(knots, values, slopes, target)
+        step = end - s if s + 1.01 * step >= end else min(step, 0.5 * (end - s) + 0.01 * step)
+        share = _advance(tracer, step, smallest)
+        error = _refine(tracer, len(tracer.levels) - 2, tolerance, _CLOSEST * end)
+        if len(tracer.levels) > STENCIL:  # the new level serves the interval below it too
+            below = _refine(tracer, len(tracer.levels) - 3, tolerance, _CLOSEST * end)
+            worst = max(worst, below)
+        worst = max(worst, error)
+        wanted = (_AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
+        made = tracer.levels[-1].s - s
+        gap = max(0.25 * made, tracer.levels[-1].s - tracer.levels[-2].s)
+        # short of the step that was asked for, grow with care
+        step = gap * min(2.5 if share == 1.0 else 1.3, max(0.4, wanted))
+        tracer.forget()
+    return worst
+
+
+def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
+    """Add a level about `step` ahead; returns the share of the step that was made.
+
+    Where the tangent is singular at a point of an otherwise smooth path (soft shear: the law loses
+    ellipticity, see docs/verification.md), another step avoids it or goes on behind it, even
+    beyond the end of the range. Where none does, the path has met its limit pressure, and steps
+    close in on it.
+
+    Raises
+    ------
+    _StoppedError
+    """
+    last = tracer.levels[-1].s
+    closing = list(step * 0.4 ** np.arange(1, 20))
+    detours = [share * step for share in _SHORTER] + [share * last for share in _LEAPS]
+    attempts = [step, *closing] if tracer.closing_in else [step, *detours, *closing]
+    for attempt, length in enumerate(attempts):
+        tracer.closing_in |= attempt > len(detours)
         try:
-            balance = solve(
-                membrane, guess, target**3, stiffness, renew_above=renew, follow=True
-            )
+            tracer.solve(last + length, tracer.predict(last + length), follow=True)
+            return length / step
         except NewtonError as error:
-            work += error.work
-            step = 0.4 * (target - s)
-            if step < _SMALLEST_STEP * end:
-                raise fail(error, target**3) from error
-            continue
-        work += balance.factorisations
-        miss = float(np.abs(balance.displacement - guess).max())
-        estimate = miss * _interpolation_ratio(knots, target)
-        order = 2 * len(knots)
-        unit = membrane.radius / 100.0
-        factor = (0.5 * tolerance * unit / max(estimate, 1e-16)) ** (1.0 / order)
-        if estimate > tolerance * unit and target - s > 20 * _SMALLEST_STEP * end:
-            step = (target - s) * min(0.7, max(0.2, factor))
-            continue
-        worst = max(worst, estimate)
-        step = (target - s) * min(2.5, max(0.4, factor))
-        s = target
-        levels.add(s, balance, slope_in_pressure(membrane, balance))
+            if length < smallest or tracer.wasted > _PATIENCE:
+                raise _StoppedError(error, last + length) from error
+    raise AssertionError("the last attempt is shorter than the smallest step")
+
+
+def _refine(tracer: _Tracer, after: int, tolerance: float, closest: float) -> float:
+    """Put levels between level `after` and the next until the dense output is within tolerance.
+
+    Returns the error (mm) that remains: beside a singular tangent there may be no smooth level.
+    """
+    error = tracer.error(after)
+    low, high = tracer.levels[after].s, tracer.levels[after + 1].s
+    if error <= tolerance or high - low < closest or tracer.wasted > _PATIENCE:
+        return error
+    middle = 0.5 * (low + high)
+    try:
+        tracer.solve(middle, tracer.interpolate(middle), follow=True)
+    except NewtonError:
+        return error
+    # the upper part first: it does not renumber the lower
+    upper = _refine(tracer, after + 1, tolerance, closest)
+    return max(upper, _refine(tracer, after, tolerance, closest))
+
+
+def _solve_error(
+    tracer: _Tracer, error: NewtonError, s: float, parameters: Mapping[str, float]
+) -> SolveError:
+    reason = f"no equilibrium: {error.reason}"
+    if tracer.levels:
+        reason += " (a limit pressure of this material, or compression without relaxation)"
+    return SolveError(
+        reason,
+        pressure=float(s**3),
+        reached=float(tracer.levels[-1].s ** 3) if tracer.levels else 0.0,
+        iteration=error.iteration,
+        residual_norm=error.residual_norm,
+        parameters=parameters,
+    )
+
+
+def _path(tracer: _Tracer, worst: float) -> Path:
+    levels = tracer.levels
+    pairs = [level.sensitivity for level in levels if level.sensitivity is not None]
     return Path(
-        nodes=membrane.mesh.nodes,
-        cells=membrane.mesh.cells,
-        pressure=np.array(levels.s) ** 3,
-        displacement=np.array([b.displacement for b in levels.balance]),
-        slope=np.array(levels.slope),
-        sensitivity=np.array(
-            [stiffness_sensitivity(membrane, b, stiffness) for b in levels.balance]
-        )
-        if sensitivities
-        else None,
-        mirrored=levels.mirrored,
-        factorisations=work,
+        nodes=tracer.membrane.mesh.nodes,
+        cells=tracer.membrane.mesh.cells,
+        pressure=np.array([level.s for level in levels]) ** 3,
+        displacement=np.array([level.displacement for level in levels]),
+        slope=np.array([level.slope for level in levels]),
+        sensitivity=np.array([value for value, _ in pairs]) if pairs else None,
+        sensitivity_slope=np.array([slope for _, slope in pairs]) if pairs else None,
+        mirrored=True,
+        factorisations=tracer.work,
         error_estimate=worst,
-        wrinkled=np.array([b.wrinkled for b in levels.balance]),
-        stable=np.array([b.stable for b in levels.balance]),
+        wrinkled=np.array([level.wrinkled for level in levels]),
+        stable=np.array([level.stable for level in levels]),
     )
 
 
@@ -173,16 +327,3 @@ def _first_step(membrane: Membrane, stiffness: Floats) -> float:
     """A step in s that is small against (E t/a)^(1/3), the scale on which shapes change."""
     scale = 0.5 * (stiffness[0] + stiffness[1]) * membrane.thickness / membrane.radius
     return 0.08 * float(np.cbrt(scale))
-
-
-def _interpolation_ratio(knots: Floats, target: float) -> float:
-    """Error of interpolation over the newest step, over that of extrapolation to its end.
-
-    Both are a high derivative times the squared node polynomial; interpolation has the new
-    level in place of the oldest.
-    """
-    missed = np.prod((target - knots) ** 2)
-    inside = np.linspace(knots[-1], target, 21)[1:-1]
-    stencil = np.append(knots[1:], target) if len(knots) > 1 else np.append(knots, target)
-    reached = np.prod((inside[:, None] - stencil[None, :]) ** 2, axis=1).max()
-    return float(reached / missed) if len(knots) > 1 else 1.0

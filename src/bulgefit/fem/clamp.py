@@ -1,0 +1,87 @@
+"""A clamp that slips: radial springs at the rim, in series with the fabric.
+
+A rim that moves inwards by `compliance` times the radial edge traction (N per mm of rim) is a
+rim on radial springs of 1/compliance per mm of rim: energy ½ ∫ q²/compliance ds for the radial
+displacement q. Along the rim the clamp holds, by springs so stiff that nothing moves.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.fem.mesh import Mesh
+
+if TYPE_CHECKING:
+    from bulgefit.fem.linear import LinearSolver
+
+__all__ = ["LEAST_COMPLIANCE", "Clamp"]
+
+Floats = NDArray[np.float64]
+
+#: A clamp that does not slip, for the springs: mm per N/mm. The rim moves by 1e-5 mm.
+LEAST_COMPLIANCE = 1e-6
+
+
+class Clamp:
+    """Rim springs of one membrane.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    positions : (n, 3) array, mm
+        Stress-free positions of the nodes.
+    linear : LinearSolver
+        Of a membrane whose rim is free in its plane.
+    compliance : float, mm per N/mm
+    """
+
+    def __init__(
+        self, mesh: Mesh, positions: Floats, linear: LinearSolver, compliance: float
+    ) -> None:
+        self.rim = mesh.rim
+        centred = positions[self.rim, :2]
+        self.radial = centred / np.linalg.norm(centred, axis=1, keepdims=True)
+        self.length = _rim_lengths(mesh, positions)
+        soft = self.length / max(compliance, LEAST_COMPLIANCE)
+        hard = self.length / LEAST_COMPLIANCE
+        along = np.stack([-self.radial[:, 1], self.radial[:, 0]], axis=1)
+        self.stiffness = (
+            soft[:, None, None] * self.radial[:, :, None] * self.radial[:, None, :]
+            + hard[:, None, None] * along[:, :, None] * along[:, None, :]
+        )
+        self._place = _places(mesh, linear, self.rim)
+
+    def add(self, displacement: Floats, residual: Floats, data: Floats | None) -> float:
+        """Add the springs' forces to `residual` and stiffness to `data`; return their energy."""
+        moved = displacement[self.rim, :2]
+        force = np.einsum("nij,nj->ni", self.stiffness, moved)
+        residual[self.rim, :2] += force
+        if data is not None:
+            data[self._place] += self.stiffness[:, (0, 1, 1), (0, 0, 1)]
+        return 0.5 * float((force * moved).sum())
+
+
+def _rim_lengths(mesh: Mesh, positions: Floats) -> Floats:
+    """Half of each rim node's two edges, mm."""
+    edges = np.stack([mesh.cells, np.roll(mesh.cells, -1, axis=1)], axis=2).reshape(-1, 2)
+    unique, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    outer = unique[count == 1]
+    length = np.linalg.norm(positions[outer[:, 0]] - positions[outer[:, 1]], axis=1)
+    total = np.zeros(len(positions))
+    np.add.at(total, outer.ravel(), np.repeat(0.5 * length, 2))
+    return total[mesh.rim]
+
+
+def _places(mesh: Mesh, linear: LinearSolver, rim: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where the entries xx, yx, yy of each rim node's block stand in the solver's data."""
+    out = np.empty((len(rim), 3), dtype=np.int64)
+    for i, node in enumerate(rim):
+        cell, corner = np.argwhere(mesh.cells == node)[0]
+        row = 3 * corner
+        diagonal = row * (row + 1) // 2 + row
+        below = (row + 1) * (row + 2) // 2 + row
+        out[i] = linear.scatter[cell, [diagonal, below, below + 1]]
+    return out
