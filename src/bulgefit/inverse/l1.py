@@ -1,26 +1,72 @@
 """Sums of absolute residuals over measured points, and what a descent on them needs.
 
-All of it works on nodal fields and an observation operator, point by point, so nothing of the
-size of the data is ever allocated: the cost is linear in points and memory does not grow.
+The sums run over nodal fields and an observation operator, point by point: nothing of the size
+of the data is allocated, whatever its precision, and the cost is linear in points.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bulgefit.fem.jit import compiled
 from bulgefit.model.observation import Observation
 
-__all__ = ["absolute_sums", "count_measured", "weighted_normal"]
+__all__ = ["Rows", "absolute_sums", "count_and_peaks", "linearised_rows"]
 
 Floats = NDArray[np.floating]
 
+#: Frames that a dense operator handles at once.
+_CHUNK = 8
 
-def count_measured(measured: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Measured values per frame and component, (k, 3)."""
-    return np.isfinite(measured).sum(axis=1)
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Residuals r + J d of a linearised model, and their weights: F(d) = Σ scale |r + J d|.
+
+    Attributes
+    ----------
+    jacobian : (m, free) array
+    residual : (m,) array, mm
+    scale : (m,) array
+    whole : bool
+        False where the rows are a sample that stands for all data.
+    """
+
+    jacobian: Floats
+    residual: Floats
+    scale: Floats
+    whole: bool
+
+    def value(self, step: Floats) -> float:
+        """The linearised objective after a step, mm."""
+        return float(self.scale @ np.abs(self.residual + self.jacobian @ step))
+
+    def slope(self) -> Floats:
+        """Its derivative at no step, (free,)."""
+        return (self.scale * np.sign(self.residual)) @ self.jacobian
+
+    def normal(self, step: Floats, floor: float) -> tuple[Floats, Floats]:
+        """Reweighted normal equations JᵀWJ, JᵀW(r + J step), W = scale / max(|r + J step|, floor).
+
+        Their quadratic lies above Σ scale |r + J d| rounded off below `floor`, and touches it at
+        `step`: minimising it again and again descends (Hunter and Lange, 2004).
+        """
+        size = self.jacobian.shape[1]
+        hessian, gradient = np.zeros((size, size)), np.zeros(size)
+        _normal(self.jacobian, self.residual, self.scale, step, floor, hessian, gradient)
+        return hessian, gradient
+
+
+def count_and_peaks(measured: NDArray[np.floating]) -> tuple[NDArray[np.int64], Floats]:
+    """Measured values per frame and component (k, 3), and the largest |value| of each, (3,) mm."""
+    counts = np.zeros((len(measured), 3), dtype=np.int64)
+    peaks = np.zeros(3)
+    _count_and_peaks(measured, counts, peaks)
+    return counts, peaks
 
 
 def absolute_sums(
@@ -42,60 +88,61 @@ def absolute_sums(
     pull : (k, n, 3) array, optional
         Overwritten with the derivative of Σ scale · sums by the nodal field.
     """
+    sums = np.zeros((len(nodal), 3))
     if isinstance(observation.matrix, sparse.csr_array):
         matrix = observation.matrix
-        sums = np.zeros((len(nodal), 3))
         target = np.zeros((1, 1, 3)) if pull is None else pull
         _absolute_sums(
             matrix.indptr, matrix.indices, matrix.data, nodal, measured, scale, sums, target,
             pull is not None,
         )  # fmt: skip
         return sums
-    residual = observation(nodal) - measured
-    if pull is not None:
-        pull[:] = observation.adjoint(np.nan_to_num(np.sign(residual)) * scale[:, None, :])
-    return np.nansum(np.abs(residual), axis=1)
+    for first in range(0, len(nodal), _CHUNK):
+        some = slice(first, first + _CHUNK)
+        residual = observation(nodal[some]) - measured[some]
+        sums[some] = np.nansum(np.abs(residual), axis=1)
+        if pull is not None:
+            sign = np.nan_to_num(np.sign(residual))
+            pull[some] = observation.adjoint(sign * scale[some, None, :])
+    return sums
 
 
-def weighted_normal(
+def linearised_rows(
     observation: Observation,
     nodal: Floats,
     derivative: Floats,
     measured: NDArray[np.floating],
     scale: Floats,
-    floor: Floats,
-) -> tuple[Floats, Floats, float]:
-    """Normal equations of iteratively reweighted least squares for Σ scale |residual|.
-
-    Each residual r weighs scale / max(|r|, floor): (JᵀWJ, JᵀWr, Σ scale |r|).
+) -> tuple[Floats, Floats, Floats]:
+    """Jacobian (m, free), residual (m,) mm and scale (m,) of the values that count.
 
     Parameters
     ----------
     nodal : (k, n, 3) array, mm
-    derivative : (parameters, k, n, 3) array
-    floor : (3,) array, mm
+    derivative : (free, k, n, 3) array
+    measured : (k, points, 3) array, mm
+    scale : (k, 3) array
     """
-    size = len(derivative)
-    hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    if isinstance(observation.matrix, sparse.csr_array):
-        matrix = observation.matrix
-        columns = np.ascontiguousarray(np.moveaxis(derivative, 0, -1))
-        value = _weighted_normal(
-            matrix.indptr, matrix.indices, matrix.data, nodal, columns, measured, scale, floor,
-            hessian, gradient,
-        )  # fmt: skip
-        return hessian, gradient, value
-    residual = observation(nodal) - measured
-    weight = np.nan_to_num(scale[:, None, :] / np.maximum(np.abs(residual), floor))
-    residual = np.nan_to_num(residual)
-    rows = np.stack([observation(column) for column in derivative])
-    weighted = rows * weight
-    hessian = np.tensordot(weighted, rows, axes=([1, 2, 3], [1, 2, 3]))
-    gradient = np.tensordot(weighted, residual, axes=3)
-    return hessian, gradient, float((scale[:, None, :] * np.abs(residual)).sum())
+    seen = np.isfinite(measured) & (scale != 0.0)[:, None, :]
+    residual = (observation(nodal) - measured)[seen]
+    jacobian = np.empty((len(residual), len(derivative)))
+    for j, column in enumerate(derivative):
+        jacobian[:, j] = observation(column)[seen]
+    return jacobian, residual, np.broadcast_to(scale[:, None, :], measured.shape)[seen]
 
 
-@njit(cache=True, nogil=True)
+@compiled
+def _count_and_peaks(measured, counts, peaks):
+    for frame in range(measured.shape[0]):
+        for point in range(measured.shape[1]):
+            for c in range(3):
+                seen = measured[frame, point, c]
+                if np.isfinite(seen):
+                    counts[frame, c] += 1
+                    peaks[c] = max(peaks[c], abs(seen))
+
+
+@compiled
 def _absolute_sums(indptr, indices, data, nodal, measured, scale, sums, pull, with_pull):
     if with_pull:
         pull[:] = 0.0
@@ -111,41 +158,25 @@ def _absolute_sums(indptr, indices, data, nodal, measured, scale, sums, pull, wi
                     value += data[i] * nodal[frame, indices[i], c]
                 residual = value - seen
                 sums[frame, c] += abs(residual)
-                if with_pull and residual != 0.0:
+                if with_pull and residual != 0.0 and scale[frame, c] != 0.0:
                     share = scale[frame, c] if residual > 0.0 else -scale[frame, c]
                     for i in range(first, last):
                         pull[frame, indices[i], c] += share * data[i]
 
 
-@njit(cache=True, nogil=True)
-def _weighted_normal(
-    indptr, indices, data, nodal, columns, measured, scale, floor, hessian, gradient
-):
-    size = columns.shape[3]
-    row = np.empty(size)
-    total = 0.0
-    for frame in range(nodal.shape[0]):
-        for point in range(measured.shape[1]):
-            first, last = indptr[point], indptr[point + 1]
-            for c in range(3):
-                seen = measured[frame, point, c]
-                if not np.isfinite(seen) or scale[frame, c] == 0.0:
-                    continue
-                value = 0.0
-                row[:] = 0.0
-                for i in range(first, last):
-                    value += data[i] * nodal[frame, indices[i], c]
-                    for j in range(size):
-                        row[j] += data[i] * columns[frame, indices[i], c, j]
-                residual = value - seen
-                total += scale[frame, c] * abs(residual)
-                weight = scale[frame, c] / max(abs(residual), floor[c])
-                for j in range(size):
-                    share = weight * row[j]
-                    gradient[j] += share * residual
-                    for i in range(j + 1):
-                        hessian[j, i] += share * row[i]
+@compiled
+def _normal(jacobian, residual, scale, step, floor, hessian, gradient):
+    size = jacobian.shape[1]
+    for row in range(jacobian.shape[0]):
+        moved = residual[row]
+        for j in range(size):
+            moved += jacobian[row, j] * step[j]
+        weight = scale[row] / max(abs(moved), floor)
+        for j in range(size):
+            share = weight * jacobian[row, j]
+            gradient[j] += share * moved
+            for i in range(j + 1):
+                hessian[j, i] += share * jacobian[row, i]
     for j in range(size):
         for i in range(j):
             hessian[i, j] = hessian[j, i]
-    return total

@@ -18,6 +18,13 @@ Floats = NDArray[np.floating]
 
 GAUSS_NEWTON = "gauss-newton"
 
+#: Residuals below these parts of the objective weigh alike, one after the other in a step.
+ROUNDINGS = (1e-1, 1e-2, 1e-3)
+#: Reweightings for each of them.
+ITERATIONS = 12
+#: Part of the objective by which two solves of nearly the same material may differ.
+SOLVER_NOISE = 1e-4
+
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
 _WITHOUT_GRADIENT = ("Nelder-Mead", "Powell", "COBYLA", "COBYQA")
@@ -82,31 +89,31 @@ class _Recorder:
         self.history: list[Evaluation] = []
         self.worst = problem.worst()
         self.best = Evaluation({}, float("inf"))
-        self.best_z: Floats = np.zeros(problem.size)
 
-    def record(self, z: Floats, evaluation: Evaluation) -> float:
-        """Value to tell the minimiser: the study's rule for a failure."""
-        slim = Evaluation(evaluation.values, evaluation.value, evaluation.error)
-        self.history.append(slim)
-        if not np.isfinite(evaluation.value):
-            return self.worst
-        self.worst = max(self.worst, evaluation.value)
-        if evaluation.value < self.best.value:
-            self.best, self.best_z = slim, z.copy()
-        return evaluation.value
-
-    def check_limit(self) -> None:
+    def evaluate(self, z: Floats, *, derivatives: bool) -> Evaluation:
+        """Evaluate within the limit, and remember."""
         if len(self.history) >= self.limits.evaluations:
             raise _LimitReached
+        evaluation = self.problem.evaluate(z, derivatives=derivatives)
+        slim = Evaluation(evaluation.values, evaluation.value, evaluation.error)
+        self.history.append(slim)
+        if np.isfinite(evaluation.value):
+            self.worst = max(self.worst, evaluation.value)
+            if evaluation.value < self.best.value:
+                self.best = slim
+        return evaluation
+
+    def told(self, evaluation: Evaluation) -> float:
+        """Value to tell the minimiser; for a failure the study's rule: the worst so far."""
+        return evaluation.value if np.isfinite(evaluation.value) else self.worst
 
     def with_gradient(self, z: Floats) -> tuple[float, Floats]:
-        self.check_limit()
-        evaluation, slope = self.problem.gradient(np.clip(z, 0.0, 1.0))
-        return self.record(z, evaluation), slope
+        evaluation = self.evaluate(np.clip(z, 0.0, 1.0), derivatives=True)
+        slope = np.zeros(self.problem.size) if evaluation.slope is None else evaluation.slope
+        return self.told(evaluation), slope
 
     def value_only(self, z: Floats) -> float:
-        self.check_limit()
-        return self.record(z, self.problem.evaluate(np.clip(z, 0.0, 1.0)))
+        return self.told(self.evaluate(np.clip(z, 0.0, 1.0), derivatives=False))
 
 
 def descend(
@@ -173,66 +180,77 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
     """
     problem, limits = recorder.problem, recorder.limits
     z, radius = start.copy(), 0.5
-    current = problem.evaluate(z, derivatives=True)
-    recorder.record(z, current)
+    current = recorder.evaluate(z, derivatives=True)
     while not np.isfinite(current.value):
         # a start without equilibrium: half way to the stiff end, where there is one
-        recorder.check_limit()
         z = 0.5 * (z + 1.0)
-        current = problem.evaluate(z, derivatives=True)
-        recorder.record(z, current)
+        current = recorder.evaluate(z, derivatives=True)
         if z.min() > 0.99:
             return f"no equilibrium from this start: {current.error}", False
+    model = _Model(problem, current, z)
+    in_vain = 0
     while True:
-        step, predicted = _linearised_step(problem, current, z, radius)
-        expected = current.value - predicted
+        step, expected = model.minimise(radius)
+        length = float(np.abs(step).max())
         if expected <= limits.objective_change * current.value:
             return "converged: no step lowers the linearised objective", True
-        if np.abs(step).max() <= limits.parameter_change:
+        if length <= limits.parameter_change:
             return "converged: steps are below the parameter tolerance", True
-        recorder.check_limit()
         trial = np.clip(z + step, 0.0, 1.0)
-        new = problem.evaluate(trial, derivatives=True)
-        told = recorder.record(trial, new)
-        ratio = (current.value - told) / expected
+        new = recorder.evaluate(trial, derivatives=True)
+        ratio = (current.value - recorder.told(new)) / expected
         if ratio > 0.0:
-            z, current = trial, new
-        elif np.abs(step).max() <= 10 * limits.parameter_change:
-            return "converged: steps are below what the solver resolves", True
-        length = float(np.abs(step).max())
+            z, current, in_vain = trial, new, 0
+            model = _Model(problem, current, z)
+        else:
+            # promises as small as the solver's own error cannot be kept
+            in_vain += expected <= SOLVER_NOISE * current.value
+            if in_vain == 2 or length <= 10 * limits.parameter_change:
+                return "converged: steps are below what the solver resolves", True
         if ratio < 0.25:
             radius = 0.3 * length
         elif ratio > 0.7:
             radius = max(radius, 2.5 * length)
 
 
-def _linearised_step(
-    problem: Problem, at: Evaluation, z: Floats, radius: float
-) -> tuple[Floats, float]:
-    """Step that minimises the linearised objective, and the value it promises, mm.
+class _Model:
+    """The objective near an evaluation, with its residuals linear in the coordinates.
 
-    Iteratively reweighted least squares; residuals below a hundredth of the objective weigh
-    alike, which rounds the corners of |r| off.
+    Its curvature may come from a sample of the data, its value and slope are those of all data:
+    F + (g - g_sample) d + F_sample(d) - F_sample(0).
     """
-    assert at.fields is not None
-    columns = problem.columns(z)
-    low, high = np.maximum(-radius, -z), np.minimum(radius, 1.0 - z)
-    # a range that the bounds have closed stays open by a hair for the bounded solver
-    low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
-    step: Floats = np.zeros(problem.size)
-    best, best_value = step, at.value
-    for _ in range(12):
-        hessian, gradient, value = problem.objective.normal(
-            at.fields, step, columns, floor=0.01 * at.value
-        )
-        if value < best_value:
-            best, best_value = step, value
-        new = _bounded_newton(hessian, gradient - hessian @ step, low, high)
-        moved = float(np.abs(new - step).max())
-        step = new
-        if moved <= 1e-3 * max(float(np.abs(step).max()), 1e-6):
-            break
-    return best, best_value
+
+    def __init__(self, problem: Problem, at: Evaluation, z: Floats) -> None:
+        assert at.slope is not None
+        self.z, self.value = z, at.value
+        self.rows = problem.rows(at, z)
+        whole = self.rows.whole
+        self.correction = np.zeros(problem.size) if whole else at.slope - self.rows.slope()
+        self.base = self.rows.value(np.zeros(problem.size))
+
+    def minimise(self, radius: float) -> tuple[Floats, float]:
+        """Step in the trust region and the bounds, and the fall it promises, mm.
+
+        Iteratively reweighted least squares, with corners of |r| rounded off ever less.
+        """
+        low, high = np.maximum(-radius, -self.z), np.minimum(radius, 1.0 - self.z)
+        # a range that the bounds have closed stays open by a hair for the bounded solver
+        low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
+        step: Floats = np.zeros(len(self.z))
+        best, most = step, 0.0
+        for rounding in ROUNDINGS:
+            for _ in range(ITERATIONS):
+                hessian, gradient = self.rows.normal(step, rounding * self.value)
+                linear = gradient - hessian @ step + self.correction
+                new = _bounded_newton(hessian, linear, low, high)
+                moved = float(np.abs(new - step).max())
+                step = new
+                if moved <= 1e-3 * max(float(np.abs(step).max()), 1e-6):
+                    break
+            fall = self.base - self.rows.value(step) - float(self.correction @ step)
+            if fall > most:
+                best, most = step, fall
+        return best, most
 
 
 def _bounded_newton(hessian: Floats, linear: Floats, low: Floats, high: Floats) -> Floats:

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.inverse.l1 import absolute_sums, count_measured, weighted_normal
+from bulgefit.inverse.l1 import Rows, absolute_sums, count_and_peaks, linearised_rows
+from bulgefit.model.observation import Observation
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Fields, Setup, VirtualTests, apex_blocks
 
@@ -33,15 +34,16 @@ Floats = NDArray[np.floating]
 OBJECTIVES = ("e", "e_w", "e_z")
 AVERAGES = ("points", "frames")
 
+#: Measured values that stand for all data where a descent needs curvature alone.
+SAMPLE = 100_000
+
 
 def displacement_weight(tests: Sequence[BulgeTest]) -> float:
     """Weight of dz in e_w that balances the components: maxima of the data of all tests, 1."""
     largest = np.zeros(3)
     for test in tests:
         for block in test.blocks:
-            with np.errstate(invalid="ignore"):
-                peaks = np.fmax.reduce(np.abs(block.displacement), axis=(0, 1))
-            largest = np.fmax(largest, peaks)
+            largest = np.maximum(largest, count_and_peaks(block.displacement)[1])
     if largest[2] <= 0.0 or not largest[:2].any():
         return 1.0
     return float(0.5 * (largest[0] + largest[1]) / largest[2])
@@ -100,11 +102,9 @@ class Objective:
         self.tests = self.virtual.tests
         self.weights = _component_weights(self.tests, weight)
         factors = {"e": np.ones(3), "e_w": self.weights, "e_z": np.array([0.0, 0.0, 1.0])}[name]
-        self._parts = [
-            _Part(test, apex_blocks(test) if name == "e_z" else test.blocks, average)
-            for test in self.tests
-        ]
+        self._whole = [_Part(test, test.blocks, average) for test in self.tests]
         self._apex = [_Part(test, apex_blocks(test), average) for test in self.tests]
+        self._parts = self._apex if name == "e_z" else self._whole
         for part in self._parts:
             part.scale(factors / len(self.tests))
             if not part.counts[:, factors > 0].any():
@@ -112,6 +112,9 @@ class Objective:
                     f"{part.test.name}: nothing was measured that {name} compares"
                     + (" (no dz near the centre)" if name == "e_z" else "")
                 )
+        values = sum(int(part.counts[:, factors > 0].sum()) for part in self._parts)
+        self._kept = min(1.0, SAMPLE / values)
+        self._samples: dict[int, list[_Sample]] = {}
 
     @property
     def weight(self) -> float:
@@ -124,18 +127,7 @@ class Objective:
 
     def gradient(self, material: Material) -> tuple[float, Floats]:
         """The objective, mm, and its derivative by every parameter of the material."""
-        fields = self.virtual.fields(material, derivatives=True)
-        total, slope = 0.0, np.zeros(len(material.values))
-        for part, field in zip(self._parts, fields, strict=True):
-            for block, scale in zip(part.blocks, part.scales, strict=True):
-                operator = self.virtual.observation(part.test, block)
-                nodal = np.ascontiguousarray(field.displacement[block.frames])
-                pull = np.empty_like(nodal)
-                sums = absolute_sums(operator, nodal, block.displacement, scale, pull)
-                total += float((scale * sums).sum())
-                assert field.derivative is not None
-                slope += np.tensordot(field.derivative[:, block.frames], pull, axes=3)
-        return total, slope
+        return self.slope(self.virtual.fields(material, derivatives=True))
 
     def from_fields(self, fields: Sequence[Fields]) -> float:
         """The objective of given nodal displacements, mm."""
@@ -145,50 +137,62 @@ class Objective:
                 total += float((scale * sums).sum())
         return total
 
-    def normal(
-        self, fields: Sequence[Fields], step: Floats, columns: Floats, floor: float
-    ) -> tuple[Floats, Floats, float]:
-        """Reweighted normal equations after a linear step from given fields.
+    def slope(self, fields: Sequence[Fields]) -> tuple[float, Floats]:
+        """The objective of given fields, mm, and its derivative by the fields' parameters.
+
+        One pass over the data, whatever the number of parameters: the derivative by the nodal
+        displacements is gathered first.
+        """
+        total, slope = 0.0, np.zeros(0)
+        for part, field in zip(self._parts, fields, strict=True):
+            assert field.derivative is not None
+            for block, scale in zip(part.blocks, part.scales, strict=True):
+                nodal = _of_frames(field.displacement, block)
+                pull = np.empty_like(nodal)
+                sums = absolute_sums(
+                    self.virtual.observation(part.test, block),
+                    nodal,
+                    block.displacement,
+                    scale,
+                    pull,
+                )
+                total += float((scale * sums).sum())
+                columns = _of_frames(field.derivative, block)
+                share = columns.reshape(len(columns), -1) @ pull.ravel()
+                slope = share if not len(slope) else slope + share
+        return total, slope
+
+    def rows(self, fields: Sequence[Fields], columns: Floats) -> Rows:
+        """Residuals and their derivatives: all, or a sample that stands for them.
 
         Parameters
         ----------
         fields : sequence of Fields
             With derivatives.
-        step : (free,) array
-            Of the free coordinates.
         columns : (parameters, free) array
-            Derivative of the material's parameters by the free coordinates.
-        floor : float, mm
-            Residuals below it weigh alike.
-
-        Returns
-        -------
-        hessian (free, free), gradient (free,), value in mm
-            Of the linearised objective at `step`.
+            Derivative of the fields' parameters by the free coordinates.
         """
-        size = len(step)
-        hessian, gradient, value = np.zeros((size, size)), np.zeros(size), 0.0
-        for part, field in zip(self._parts, fields, strict=True):
+        found = []
+        for i, (part, field) in enumerate(zip(self._parts, fields, strict=True)):
             assert field.derivative is not None
-            derivative = np.tensordot(columns.T, field.derivative, 1)
-            moved = field.displacement + np.tensordot(step, derivative, 1)
-            for block, scale in zip(part.blocks, part.scales, strict=True):
-                h, g, v = weighted_normal(
-                    self.virtual.observation(part.test, block),
-                    np.ascontiguousarray(moved[block.frames]),
-                    derivative[:, block.frames],
-                    block.displacement,
-                    scale,
-                    np.full(3, floor),
+            for sample in self._sampled(i, part):
+                found.append(
+                    linearised_rows(
+                        sample.operator,
+                        _of_frames(field.displacement, sample.block),
+                        _of_frames(field.derivative, sample.block),
+                        sample.block.displacement,
+                        sample.scale,
+                    )
                 )
-                hessian, gradient, value = hessian + h, gradient + g, value + v
-        return hessian, gradient, value
+        jacobian, residual, scale = (np.concatenate(items) for items in zip(*found, strict=True))
+        return Rows(jacobian @ columns, residual, scale, whole=self._kept == 1.0)
 
     def parts(self, fields: Sequence[Fields]) -> list[TestParts]:
         """Every objective of every test for given nodal displacements."""
         return [
-            self._test_parts(test, field, apex)
-            for test, field, apex in zip(self.tests, fields, self._apex, strict=True)
+            self._test_parts(whole, apex, field)
+            for whole, apex, field in zip(self._whole, self._apex, fields, strict=True)
         ]
 
     def resting(self) -> list[Fields]:
@@ -211,20 +215,27 @@ class Objective:
         return [
             absolute_sums(
                 self.virtual.observation(part.test, block),
-                np.ascontiguousarray(field.displacement[block.frames]),
+                _of_frames(field.displacement, block),
                 block.displacement,
                 np.zeros((len(block.frames), 3)),
             )
             for block in part.blocks
         ]
 
-    def _test_parts(self, test: BulgeTest, field: Fields, apex: _Part) -> TestParts:
-        whole = _Part(test, test.blocks, self.average)
+    def _sampled(self, index: int, part: _Part) -> list[_Sample]:
+        if index not in self._samples:
+            self._samples[index] = [
+                _sample(block, self.virtual.observation(part.test, block), scale, self._kept)
+                for block, scale in zip(part.blocks, part.scales, strict=True)
+            ]
+        return self._samples[index]
+
+    def _test_parts(self, whole: _Part, apex: _Part, field: Fields) -> TestParts:
         r = whole.means(self._sums(whole, field))
         near = apex.means(self._sums(apex, field))[2] if apex.blocks else None
         measured = [0.0 if value is None else value for value in r]
         return TestParts(
-            test.name,
+            whole.test.name,
             dx=r[0],
             dy=r[1],
             dz=r[2],
@@ -234,12 +245,39 @@ class Objective:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Some points of a block in all its frames; `scale` makes their sums stand for all."""
+
+    operator: Observation
+    block: Block
+    scale: Floats
+
+
+def _sample(block: Block, operator: Observation, scale: Floats, share: float) -> _Sample:
+    count = len(block.reference)
+    kept = max(1, round(share * count))
+    if kept == count:
+        return _Sample(operator, block, scale)
+    # drawn, since every so many points of a grid may lie on a line
+    points = np.sort(np.random.default_rng(0).permutation(count)[:kept])
+    some = Block(block.reference[points], block.frames, block.displacement[:, points])
+    return _Sample(Observation(operator.matrix[points]), some, scale * (count / kept))
+
+
+def _of_frames(field: Floats, block: Block) -> Floats:
+    """The frames of a block from (..., frames, n, 3), without a copy where it has them all."""
+    if len(block.frames) == field.shape[-3]:
+        return np.ascontiguousarray(field)
+    return np.ascontiguousarray(field[..., block.frames, :, :])
+
+
 class _Part:
     """Blocks of one test that an objective looks at, and the factor of each frame's sums."""
 
     def __init__(self, test: BulgeTest, blocks: tuple[Block, ...], average: str) -> None:
         self.test, self.blocks = test, blocks
-        counted = [count_measured(block.displacement) for block in blocks]
+        counted = [count_and_peaks(block.displacement)[0] for block in blocks]
         self.counts = np.concatenate(counted) if counted else np.zeros((0, 3), dtype=int)
         if average == "points":
             share = 1.0 / np.maximum(self.counts.sum(axis=0), 1)

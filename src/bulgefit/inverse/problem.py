@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
+from bulgefit.inverse.l1 import Rows
 from bulgefit.inverse.objective import Objective
 from bulgefit.model.parameters import Material, Parameter, free_parameters, parameters_of
 from bulgefit.model.virtual_test import Fields
@@ -30,6 +31,8 @@ class Evaluation:
         The objective; NaN where the solve failed.
     error : str
         Why it failed, else "".
+    slope : (free,) array or None
+        Derivative of the objective by the coordinates, if asked for.
     fields : list of Fields or None
         With derivatives if they were asked for.
     """
@@ -37,6 +40,7 @@ class Evaluation:
     values: dict[str, float]
     value: float
     error: str = ""
+    slope: Floats | None = None
     fields: list[Fields] | None = None
 
 
@@ -127,15 +131,15 @@ class Problem:
             fields = self.objective.virtual.fields(self.material(z), derivatives=derivatives)
         except (SolveError, InputError) as error:
             return Evaluation(values, float("nan"), str(error))
-        return Evaluation(values, self.objective.from_fields(fields), fields=fields)
+        if not derivatives:
+            return Evaluation(values, self.objective.from_fields(fields), fields=fields)
+        value, slope = self.objective.slope(fields)
+        return Evaluation(values, value, slope=slope @ self.columns(z), fields=fields)
 
-    def gradient(self, z: Floats) -> tuple[Evaluation, Floats]:
-        """The objective and its derivative by z."""
-        try:
-            value, slope = self.objective.gradient(self.material(z))
-        except (SolveError, InputError) as error:
-            return Evaluation(self.values(z), float("nan"), str(error)), np.zeros(self.size)
-        return Evaluation(self.values(z), value), slope @ self.columns(z)
+    def rows(self, at: Evaluation, z: Floats) -> Rows:
+        """The objective linearised in the coordinates at an evaluation with derivatives."""
+        assert at.fields is not None
+        return self.objective.rows(at.fields, self.columns(z))
 
     def worst(self) -> float:
         """The objective of a model that does not deform, mm: worse than any that does."""
