@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
@@ -158,20 +159,34 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"--max-evaluations {args.max_evaluations}: give 1 or more")
     if not 0.0 < args.tolerance < 1.0:
         raise InputError(f"--tolerance {args.tolerance:g}: give a part between 0 and 1")
-    held = {}
-    if args.nu12 is not None:
-        held["nu" if args.material == "isotropic" else "nu12"] = args.nu12
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: give 0 or more")
+    free = [name for name in args.free.split(",") if name]
     return {
         "material": args.material,
-        "free": [name for name in args.free.split(",") if name],
+        "free": free,
         "bounds": _bounds(args.bounds),
-        "held": held,
+        "held": _held(args, free),
         "starts": args.starts,
         "seed": args.seed,
         "method": args.method,
         "limits": Limits(evaluations=args.max_evaluations, objective_change=args.tolerance),
         "workers": _common.workers_from(args),
     }
+
+
+def _held(args: argparse.Namespace, free: Sequence[str]) -> dict[str, float]:
+    """Poisson's ratio that --nu12 holds."""
+    if args.nu12 is None:
+        return {}
+    if args.material == "isotropic-EG":
+        raise InputError("--nu12 and isotropic-EG do not go together: G gives nu = E/2G - 1")
+    name = "nu" if args.material == "isotropic" else "nu12"
+    if name in free:
+        raise InputError(f"--nu12 and --free {name} do not go together: one holds it, one fits it")
+    if not math.isfinite(args.nu12):
+        raise InputError(f"--nu12 {args.nu12:g}: give a finite ratio")
+    return {name: args.nu12}
 
 
 def _setup(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> Setup:

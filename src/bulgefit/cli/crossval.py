@@ -63,9 +63,10 @@ def _table(result: dict[str, Any]) -> str:
             fold["left_out"][:27].ljust(28)
             + "".join(f"{'-' if v is None else format(v, '.4g'):>10}" for v in numbers)
         )
-    spread = result["standard_deviation"]
+    mean, spread = result["mean"], result["standard_deviation"]
     lines.append(
-        f"{result['objective']} left out: mean {result['mean']:.4g} mm"
+        f"{result['objective']} left out: "
+        + ("not measured" if mean is None else f"mean {mean:.4g} mm")
         + ("" if spread is None else f", standard deviation {spread:.4g} mm")
     )
     return "\n".join(lines)

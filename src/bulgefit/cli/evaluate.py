@@ -7,6 +7,7 @@ from typing import Any
 
 from bulgefit.cli import _common, _inverse
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+from bulgefit.errors import InputError
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -43,6 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
     _common.check_json_target(args)
+    if args.undeformed:
+        for name in ("E1", "E2", "G12", "nu12", "E", "nu", "G"):
+            if getattr(args, name) is not None:
+                raise InputError(f"--undeformed and --{name} do not go together: give one of them")
     tests = _inverse.read_tests(args)
     options = _inverse.comparison_options(args, tests)
 

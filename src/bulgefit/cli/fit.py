@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common, _inverse
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
+    from bulgefit.dic import BulgeTest
     from bulgefit.inverse.fit import FitResult
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -73,20 +76,21 @@ def run(args: argparse.Namespace) -> int:
 
 def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path, Path]]:
     """Profile and residual picture of each test; refused before the work where they exist."""
-    from bulgefit.errors import InputError
     from bulgefit.files import check_output
 
     if args.plots is None:
         return []
     folder = Path(args.plots)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--plots {folder}: cannot be made ({error.strerror})") from error
+    standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not standing.is_dir():
+        raise InputError(f"--plots {folder}: {standing} is a file; name a folder")
+    if not os.access(standing, os.W_OK | os.X_OK):
+        raise InputError(f"--plots {folder}: nothing can be written into {standing}")
     unique = [n if names.count(n) == 1 else f"{n}_{i + 1}" for i, n in enumerate(names)]
     pairs = [(folder / f"{n}_profiles.png", folder / f"{n}_residuals.png") for n in unique]
-    for path in (p for pair in pairs for p in pair):
-        check_output(path, args.force)
+    if folder.is_dir():
+        for path in (p for pair in pairs for p in pair):
+            check_output(path, args.force)
     return pairs
 
 
@@ -94,7 +98,7 @@ def _draw(
     args: argparse.Namespace,
     result: FitResult,
     setup: object,
-    tests: list,
+    tests: list[BulgeTest],
     figures: list[tuple[Path, Path]],
 ) -> None:
     from bulgefit.model.virtual_test import Setup, VirtualTests
@@ -102,6 +106,12 @@ def _draw(
     from bulgefit.report.residuals import plot_residuals
 
     assert isinstance(setup, Setup)
+    # only now, so that input that is refused leaves no empty folder behind
+    folder = figures[0][0].parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--plots {folder}: cannot be made ({error.strerror})") from error
     predictions = VirtualTests(tests, setup).predict(result.material)
     values = ", ".join(f"{k} {v:.4g}" for k, v in result.material.values.items())
     label = f"{result.objective} fit: {values}"
