@@ -1,0 +1,1 @@
+"""Where and why does the model miss, and how far does the gap shrink?"""

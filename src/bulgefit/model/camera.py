@@ -1,0 +1,132 @@
+"""The camera's place: from displacements of the fabric to what the DIC reports.
+
+In order: average over the correlation window (`dic_smoothing`), scale (`dic_scale`), take off
+what the reference image already showed (`reference_state`), move the frame (`rigid_motion`,
+`fixture_motion`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+__all__ = ["CAMERA", "REFERENCE_MODES", "material_points", "reference_modes", "seen"]
+
+Floats = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+
+#: Powers (i, j) of the modes (x/a)^i (y/a)^j of `reference_state`, up to the fifth degree.
+REFERENCE_MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
+
+_RIGID = tuple(f"rigid_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
+_FIXTURE = tuple(f"fixture_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
+_STATE = tuple(f"reference_state.{a}{i}{j}" for a in AXES for i, j in REFERENCE_MODES)
+
+#: Parameters that move the measured points over the fabric.
+POINTS = ("registration.x0", "registration.y0", "dic_scale.scale")
+CAMERA = (*_RIGID, *_FIXTURE, *_STATE, *POINTS, "dic_smoothing.window")
+
+
+def material_points(reference: Floats, values: Mapping[str, float]) -> Floats:
+    """Positions (n, 2) mm on the fabric of points seen at `reference` (n, 3) mm.
+
+    The clamp's centre is seen at (x0, y0), and positions are seen × (1 + scale).
+    """
+    centre = np.array([values.get("registration.x0", 0.0), values.get("registration.y0", 0.0)])
+    return reference[:, :2] / (1.0 + values.get("dic_scale.scale", 0.0)) - centre
+
+
+def reference_modes(reference: Floats, radius: float) -> Floats:
+    """Modes (modes, n) of `reference_state` at points (n, 3)."""
+    x, y = reference[:, 0] / radius, reference[:, 1] / radius
+    return np.stack([x**i * y**j for i, j in REFERENCE_MODES])
+
+
+def _motion(values: Mapping[str, float], pressure_bar: float) -> tuple[Floats, Floats]:
+    """Rotation vector (degree) and shift (mm) of the frame at a pressure."""
+    rigid = np.array([values.get(name, 0.0) for name in _RIGID])
+    fixture = np.array([values.get(name, 0.0) for name in _FIXTURE])
+    both = rigid + pressure_bar * fixture
+    return both[:3], both[3:]
+
+
+def seen(
+    moved: Floats, reference: Floats, pressure: Floats, radius: float, values: Mapping[str, float]
+) -> Floats:
+    """Displacements (frames, n, 3) mm as reported, of fabric displacements `moved`.
+
+    Parameters
+    ----------
+    moved : (frames, n, 3) array, mm
+        At the material points, averaged over the window.
+    reference : (n, 3) array, mm
+    pressure : (frames,) array, MPa
+        True.
+    """
+    out = (1.0 + values.get("dic_scale.scale", 0.0)) * moved
+    state = _state(reference, radius, values)
+    if state is not None:
+        out = out - state
+    for k, p in enumerate(10.0 * pressure):
+        turn, shift = _motion(values, p)
+        if turn.any() or shift.any():
+            rotation = Rotation.from_rotvec(turn, degrees=True).as_matrix()
+            out[k] = (reference + out[k]) @ rotation.T + shift - reference
+    return out
+
+
+def _state(reference: Floats, radius: float, values: Mapping[str, float]) -> Floats | None:
+    coefficients = np.array([values.get(name, 0.0) for name in _STATE]).reshape(3, -1)
+    if not coefficients.any():
+        return None
+    return (coefficients @ reference_modes(reference, radius)).T
+
+
+def through(
+    change: Floats, pressure: Floats, values: Mapping[str, float]
+) -> Floats:
+    """Change (frames, n, 3) of the reported displacement for a change of the fabric's."""
+    out = (1.0 + values.get("dic_scale.scale", 0.0)) * change
+    for k, p in enumerate(10.0 * pressure):
+        turn, _ = _motion(values, p)
+        if turn.any():
+            out[k] = out[k] @ Rotation.from_rotvec(turn, degrees=True).as_matrix().T
+    return out
+
+
+def camera_derivative(
+    name: str,
+    moved: Floats,
+    reference: Floats,
+    pressure: Floats,
+    radius: float,
+    values: Mapping[str, float],
+) -> Floats:
+    """∂(reported)/∂(a camera parameter) at fixed fabric displacements, (frames, n, 3).
+
+    `dic_scale` and `registration` also move the points over the fabric; that part is the
+    gradient of the field and is added by the caller.
+    """
+    if name.startswith("reference_state."):
+        axis, mode = divmod(_STATE.index(name), len(REFERENCE_MODES))
+        change = np.zeros_like(moved)
+        change[..., axis] = -reference_modes(reference, radius)[mode]
+        scale = 1.0 + values.get("dic_scale.scale", 0.0)
+        return through(change / scale, pressure, values)
+    if name == "dic_scale.scale":
+        scale = 1.0 + values.get("dic_scale.scale", 0.0)
+        return through(moved / scale, pressure, values)
+    if name.startswith("registration."):
+        return np.zeros_like(moved)
+    # motions: exact to rounding by a central difference of closed formulas
+    step = 1e-4
+    up, down = dict(values), dict(values)
+    up[name], down[name] = values.get(name, 0.0) + step, values.get(name, 0.0) - step
+    difference = seen(moved, reference, pressure, radius, up) - seen(
+        moved, reference, pressure, radius, down
+    )
+    return difference / (2.0 * step)

@@ -1,0 +1,432 @@
+"""One specimen under all five places: displacements as the camera reports them, and derivatives.
+
+Where the fit of moduli asks for objectives at thousands of points, the diagnosis asks for the
+derivative of every measured value by every parameter. So shapes are balanced at the frames' own
+pressures, and between neighbouring parameter sets each frame starts from its last shape plus the
+derivative times the change: mostly one factorisation a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import SolveError
+from bulgefit.fem.elasticity import orthotropic_stiffness, orthotropic_stiffness_derivative
+from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import disc
+from bulgefit.fem.trace import trace
+from bulgefit.model.camera import (
+    CAMERA,
+    POINTS,
+    camera_derivative,
+    material_points,
+    seen,
+    through,
+)
+from bulgefit.model.places import (
+    LOAD,
+    MECHANICS,
+    fabric_of,
+    load_derivative,
+    semi_axes,
+    true_pressure,
+)
+from bulgefit.model.smooth import SmoothField, smooth_field
+
+__all__ = ["Prediction", "Shapes", "Specimen"]
+
+Floats = NDArray[np.float64]
+
+#: Differences of the out-of-balance force by a parameter: half the step.
+_STEPS = {
+    "E1": 1e-2,
+    "E2": 1e-2,
+    "G12": 1e-3,
+    "axis_misalignment.angle": 1e-2,
+    "nonlinear_material.k_x": 1e-2,
+    "nonlinear_material.k_y": 1e-2,
+}
+_LENGTH_STEP, _RATIO_STEP = 1e-3, 1e-5
+
+#: Points of the correlation window, in its radius: a centre and two rings of equal area shares.
+_WINDOW = np.concatenate(
+    [
+        [[0.0, 0.0]],
+        *(
+            r * np.stack([np.cos(a), np.sin(a)], axis=1)
+            for r, n in ((0.5, 6), (0.866, 12))
+            for a in [2 * np.pi * (np.arange(n) + 0.25 * n / 6) / n]
+        ),
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """Balanced shapes at the frames' true pressures for one parameter set.
+
+    Attributes
+    ----------
+    values : dict
+        The parameters.
+    pressure : (frames,) array, MPa
+        True.
+    displacement : (frames, n, 3) array, mm
+    derivative : dict of name to (frames, n, 3) array
+        By the mechanical and load parameters that were asked for.
+    stable : (frames,) bool array
+    """
+
+    values: dict[str, float]
+    pressure: Floats
+    displacement: Floats
+    derivative: dict[str, Floats]
+    stable: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Reported displacements and their derivatives.
+
+    Attributes
+    ----------
+    displacement : (frames, points, 3) array, mm
+    derivative : (parameters, frames, points, 3) array
+    shapes : Shapes
+    """
+
+    displacement: Floats
+    derivative: Floats
+    shapes: Shapes
+
+
+@dataclass(eq=False)
+class Specimen:
+    """A test whose every effect can be varied.
+
+    Parameters
+    ----------
+    test : BulgeTest
+        Of one block.
+    refine : int
+        Of the mesh.
+    law : str
+    """
+
+    test: BulgeTest
+    refine: int = 4
+    law: str = "hencky"
+    correction: Floats | None = None
+    _membrane: Membrane | None = field(default=None, repr=False)
+    _points: dict[tuple[float, ...], tuple[SmoothField, SmoothField]] = field(
+        default_factory=dict, repr=False
+    )
+
+    def __post_init__(self) -> None:
+        (block,) = self.test.blocks
+        self.reference = np.asarray(block.reference, dtype=np.float64)
+        self.measured = block.displacement
+        self.recorded = np.asarray(self.test.pressure, dtype=np.float64)
+        self.time = self.test.time
+        self.mesh = disc(self.test.radius, self.refine)
+
+    def nulls(self) -> dict[str, float]:
+        """The parameters of the baseline: everything unmodelled at its null."""
+        return {"poisson_ratio.nu12": self.test.poisson_ratio}
+
+    def membrane(self, values: Mapping[str, float]) -> Membrane:
+        """The membrane of a parameter set, sharing the linear solver."""
+        made = Membrane(
+            self.mesh,
+            self.test.thickness,
+            self.law,
+            angle=np.deg2rad(values.get("axis_misalignment.angle", 0.0)),
+            fabric=fabric_of(self.mesh, self.test.radius, values),
+            like=self._membrane,
+        )
+        if self._membrane is None:
+            self._membrane = made
+        return made
+
+    def shapes(
+        self,
+        values: Mapping[str, float],
+        names: Iterable[str] = (),
+        near: Shapes | None = None,
+    ) -> Shapes:
+        """Balance every frame; derivatives by `names` (mechanical and load ones are used).
+
+        Parameters
+        ----------
+        values : mapping
+            E1, E2, G12 (MPa) and any effect's parameters.
+        near : Shapes, optional
+            Of a neighbouring parameter set, with derivatives: the start.
+
+        Raises
+        ------
+        SolveError
+        """
+        given = {**self.nulls(), **values}
+        membrane = self.membrane(given)
+        stiffness = _stiffness(given)
+        pressure = np.maximum(true_pressure(self.recorded, self.time, given), 1e-6)
+        balances = self._balance(membrane, stiffness, pressure, given, near)
+        wanted = list(names)
+        forces = {
+            name: _Difference(self, given, name) for name in wanted if name in MECHANICS
+        }
+        derivative = {
+            name: np.zeros((len(pressure), *membrane.reference.shape))
+            for name in wanted
+            if name in MECHANICS or name in LOAD
+        }
+        load = {
+            name: load_derivative(name, self.recorded, self.time, given)
+            for name in wanted
+            if name in LOAD
+        }
+        for k, balance in enumerate(balances):
+            columns = [d.force(balance) for d in forces.values()]
+            columns += [-membrane.pressure_force(balance.displacement)] if load else []
+            if not columns:
+                continue
+            solved = balance.factor.solve(np.asfortranarray(-np.stack(columns, axis=1)))
+            fields = membrane.spread(np.ascontiguousarray(solved.T))
+            for name, one in zip(forces, fields, strict=False):
+                derivative[name][k] = one
+            for name, slope in load.items():
+                derivative[name][k] = fields[-1] * slope[k]
+        return Shapes(
+            given,
+            pressure,
+            np.array([b.displacement for b in balances]),
+            derivative,
+            np.array([b.stable for b in balances]),
+        )
+
+    def _balance(
+        self,
+        membrane: Membrane,
+        stiffness: Floats,
+        pressure: Floats,
+        values: dict[str, float],
+        near: Shapes | None,
+    ) -> list[Equilibrium]:
+        if near is not None:
+            guesses = near.displacement + sum(
+                (
+                    (values.get(name, 0.0) - near.values.get(name, 0.0)) * change
+                    for name, change in near.derivative.items()
+                ),
+                np.zeros_like(near.displacement),
+            )
+            try:
+                return [
+                    solve(membrane, guess, p, stiffness, follow=True)
+                    for guess, p in zip(guesses, pressure, strict=True)
+                ]
+            except NewtonError:
+                pass  # too far from the last parameters: trace the path anew
+        low, high = float(pressure.min()), float(pressure.max())
+        path = trace(
+            membrane, stiffness, (min(low, 0.5 * high), high), tolerance=0.05, parameters=values
+        )
+        found = []
+        for p in pressure:
+            try:
+                guess = path(min(max(p, path.pressure[0]), path.pressure[-1]))[0]
+                found.append(solve(membrane, guess, p, stiffness, follow=True))
+            except NewtonError as error:
+                raise SolveError(
+                    f"no equilibrium: {error.reason}",
+                    pressure=float(p),
+                    reached=float(path.pressure[-1]),
+                    iteration=error.iteration,
+                    residual_norm=error.residual_norm,
+                    parameters=values,
+                ) from error
+        return found
+
+    def predict(
+        self,
+        values: Mapping[str, float],
+        names: Sequence[str] = (),
+        near: Shapes | None = None,
+    ) -> Prediction:
+        """Reported displacements, with derivatives by `names` in order; raises SolveError."""
+        shapes = self.shapes(values, names, near)
+        return self.observe(shapes, names)
+
+    def observe(self, shapes: Shapes, names: Sequence[str] = ()) -> Prediction:
+        """What the camera reports of given shapes."""
+        given = shapes.values
+        averaged, plain = self._operators(given)
+        moved = _apply(averaged.value, shapes.displacement)
+        place = (self.reference, shapes.pressure, self.test.radius, given)
+        displacement = seen(moved, *place)
+        if self.correction is not None:
+            displacement = displacement + self.correction
+        rows = np.empty((len(names), *displacement.shape))
+        for row, name in zip(rows, names, strict=True):
+            row[:] = 0.0
+            if name in shapes.derivative:
+                row += through(
+                    _apply(averaged.value, shapes.derivative[name]), shapes.pressure, given
+                )
+            if name in CAMERA and name != "dic_smoothing.window":
+                row += camera_derivative(name, moved, *place)
+            motion = self._point_motion(name, given)
+            if motion is not None:
+                by_x = _apply(averaged.by_x, shapes.displacement)
+                by_y = _apply(averaged.by_y, shapes.displacement)
+                change = motion[:, :1] * by_x + motion[:, 1:] * by_y
+                row += through(change, shapes.pressure, given)
+            if name == "dic_smoothing.window":
+                row += through(
+                    self._window_derivative(shapes, plain), shapes.pressure, given
+                )
+        return Prediction(displacement, rows, shapes)
+
+    def _unit_points(self, values: Mapping[str, float]) -> Floats:
+        """Measured points on the mesh (its circle, mm): the oval rim is mapped back."""
+        return material_points(self.reference, values) / semi_axes(values)
+
+    def _operators(self, values: Mapping[str, float]) -> tuple[SmoothField, SmoothField]:
+        """Operators at the measured points: averaged over the window, and not."""
+        key = tuple(
+            values.get(name, 0.0)
+            for name in (
+                *POINTS,
+                "clamp_shape.ellipticity",
+                "clamp_shape.radius_error",
+                "dic_smoothing.window",
+            )
+        )
+        if key not in self._points:
+            points = self._unit_points(values)
+            plain = smooth_field(self.mesh.nodes, points)
+            window = key[-1]
+            averaged = self._window(points, window) if window > 0.0 else plain
+            self._points.clear()
+            self._points[key] = averaged, plain
+        return self._points[key]
+
+    def _window(self, points: Floats, window: float) -> SmoothField:
+        """Mean over a disc of radius `window` (mm); what lies beyond the rim drops out."""
+        spread = points[:, None] + window * _WINDOW
+        inside = (spread**2).sum(axis=-1) <= self.test.radius**2
+        inside[:, 0] = True
+        fields = smooth_field(self.mesh.nodes, spread.reshape(-1, 2))
+        count = len(_WINDOW)
+        weights = (inside / inside.sum(axis=1, keepdims=True)).ravel()
+        from scipy import sparse
+
+        rows = np.repeat(np.arange(len(points)), count)
+        mean = sparse.csr_array(
+            (weights, (rows, np.arange(len(rows)))), shape=(len(points), len(rows))
+        )
+        return SmoothField(
+            *((mean @ op).tocsr() for op in (fields.value, fields.by_x, fields.by_y))
+        )
+
+    def _window_derivative(self, shapes: Shapes, plain: SmoothField) -> Floats:
+        """∂/∂(window²) of the averaged field, (frames, n, 3): by a difference in window²."""
+        at = shapes.values.get("dic_smoothing.window", 0.0) ** 2
+        points = self._unit_points(shapes.values)
+        high = self._window(points, float(np.sqrt(at + 4.0)))
+        low = self._window(points, float(np.sqrt(at - 4.0))) if at > 4.0 else plain
+        span = 8.0 if at > 4.0 else at + 4.0
+        return (
+            _apply(high.value, shapes.displacement) - _apply(low.value, shapes.displacement)
+        ) / span
+
+    def _point_motion(self, name: str, values: Mapping[str, float]) -> Floats | None:
+        """∂(points on the mesh)/∂(a parameter), (n, 2); None where they stay."""
+        axes = semi_axes(values)
+        if name in ("registration.x0", "registration.y0"):
+            out = np.zeros((len(self.reference), 2))
+            column = 0 if name.endswith("x0") else 1
+            out[:, column] = -1.0 / axes[column]
+            return out
+        if name == "dic_scale.scale":
+            return -self.reference[:, :2] / (1.0 + values.get(name, 0.0)) ** 2 / axes
+        if name in ("clamp_shape.ellipticity", "clamp_shape.radius_error"):
+            step = 1e-6
+            up, down = dict(values), dict(values)
+            up[name] = values.get(name, 0.0) + step
+            down[name] = values.get(name, 0.0) - step
+            return (self._unit_points(up) - self._unit_points(down)) / (2 * step)
+        return None
+
+
+class _Difference:
+    """∂R/∂(a mechanical parameter) at fixed displacement, by two assemblies."""
+
+    def __init__(self, specimen: Specimen, values: dict[str, float], name: str) -> None:
+        self._scale = 1.0
+        if name in ("E1", "E2", "G12", "poisson_ratio.nu12") and not _has_gain(values):
+            # linear in D: exact columns
+            index = ("E1", "E2", "G12", "poisson_ratio.nu12").index(name)
+            self._direct: Floats | None = orthotropic_stiffness_derivative(*_constants(values))[
+                :, index
+            ]
+            self._membranes = (specimen.membrane(values),)
+            self._stiffness = (_stiffness(values),)
+            return
+        self._direct = None
+        step = _STEPS.get(
+            name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP
+        )
+        here = values.get(name, 0.0)
+        low, high = here - step, here + step
+        if name == "clamp_slip.compliance":
+            from bulgefit.fem.clamp import LEAST_COMPLIANCE
+
+            here = max(here, LEAST_COMPLIANCE)
+            low, high = here * (1 - 1e-3), here * (1 + 1e-3)
+            # the springs' stiffness is 1/c: d(1/c) over the difference of 1/c
+            self._scale = (1 / high - 1 / low) / (-1 / here**2) / (high - low)
+            self._scale = 1.0 / self._scale
+        pairs = [{**values, name: v} for v in (low, high)]
+        self._membranes = tuple(specimen.membrane(v) for v in pairs)
+        self._stiffness = tuple(_stiffness(v) for v in pairs)
+        self._span = high - low
+
+    def force(self, balance: Equilibrium) -> Floats:
+        """(N,) array at the balance."""
+        if self._direct is not None:
+            columns = self._membranes[0].stiffness_force(balance.displacement, self._stiffness[0])
+            return self._direct @ columns
+        low, high = (
+            m.state(balance.displacement, balance.pressure, q, tangent=False).residual
+            for m, q in zip(self._membranes, self._stiffness, strict=True)
+        )
+        return self._scale * (high - low) / self._span
+
+
+def _has_gain(values: Mapping[str, float]) -> bool:
+    return bool(
+        values.get("nonlinear_material.k_x", 0.0) or values.get("nonlinear_material.k_y", 0.0)
+    )
+
+
+def _constants(values: Mapping[str, float]) -> tuple[float, float, float, float]:
+    return values["E1"], values["E2"], values["G12"], values["poisson_ratio.nu12"]
+
+
+def _stiffness(values: Mapping[str, float]) -> Floats:
+    return orthotropic_stiffness(*_constants(values))
+
+
+def _apply(operator: object, nodal: Floats) -> Floats:
+    """Sparse (points, nodes) operator on (frames, n, 3) fields."""
+    frames, n, _ = nodal.shape
+    flat = np.moveaxis(nodal, 1, 0).reshape(n, frames * 3)
+    return np.moveaxis((operator @ flat).reshape(-1, frames, 3), 0, 1)  # type: ignore[operator]

@@ -1,0 +1,26 @@
+"""How many threads does the linear algebra use? One, so that speed and rounding are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any
+
+__all__ = ["one_blas_thread"]
+
+
+@lru_cache(maxsize=1)
+def _controller() -> Any:
+    # importing scipy.linalg first makes its BLAS visible to the controller
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Hold BLAS to one thread: its matrices are small here, and threads only get in their way."""
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
