@@ -10,5 +10,8 @@ __all__ = ["compiled"]
 #: NaN and infinity keep their meaning, since collapsed cells are told by them. The interpreter is
 #: released, so that several searches run in threads of one process.
 compiled = njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+    cache=True,
+    nogil=True,
+    error_model="numpy",
+    fastmath={"contract", "reassoc", "nsz", "arcp"},
 )

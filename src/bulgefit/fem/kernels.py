@@ -19,9 +19,9 @@ rim or slides in a plane of symmetry (Bufler, 1984), so the symmetric part is as
 from __future__ import annotations
 
 import numpy as np
-from bulgefit.fem.jit import compiled
 
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
+from bulgefit.fem.jit import compiled
 from bulgefit.fem.laws import point_response, stress_sensitivity
 
 __all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from bulgefit.fem.jit import compiled
 
 __all__ = ["LAWS", "SLACK", "TAUT", "WRINKLED", "point_response"]

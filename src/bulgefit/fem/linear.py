@@ -98,7 +98,7 @@ class BandedCholesky:
     def __init__(
         self, positions: Floats, cells: NDArray[np.int64], free: NDArray[np.bool_]
     ) -> None:
-        order = narrow_order(positions, cells, free.any(axis=1))
+        order = narrow_order(positions, cells, np.asarray(free.any(axis=1)))
         self.dof, row, column = _number(cells, free, order)
         self.size = int(free.sum())
         kept = (row >= 0) & (column >= 0)

@@ -12,7 +12,7 @@ from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.geometry import ReferenceSurface
 from bulgefit.fem.kernels import assemble, assemble_pressure, assemble_sensitivity
 from bulgefit.fem.laws import LAWS
-from bulgefit.fem.linear import Factor, make_solver
+from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
 
 __all__ = ["Fabric", "Membrane", "State"]
@@ -129,7 +129,7 @@ class Membrane:
         self.weight = self.thickness * self.surface.area
         if self.fabric.thickness is not None:
             self.weight = self.weight * self.fabric.thickness
-        self.linear = (
+        self.linear: LinearSolver = (
             make_solver(mesh.nodes, mesh.cells, ~fixed, solver) if like is None else like.linear
         )
         self.clamp = (

@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from bulgefit.fem.jit import compiled
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
+
+from bulgefit.fem.jit import compiled
 
 __all__ = ["narrow_order"]
 
@@ -26,7 +27,13 @@ _PATCHES = (1, 3, 6, 10)
 
 
 @compiled
-def _cuthill_mckee(indptr, indices, start, order, seen):
+def _cuthill_mckee(
+    indptr: Integers,
+    indices: Integers,
+    start: Integers,
+    order: Integers,
+    seen: NDArray[np.bool_],
+) -> None:
     """Breadth-first order from the nodes `start`, neighbours by degree, into `order`."""
     n = len(order)
     seen[:] = False
@@ -64,7 +71,7 @@ def _cuthill_mckee(indptr, indices, start, order, seen):
 
 
 @compiled
-def _half_bandwidth(indptr, indices, order, place):
+def _half_bandwidth(indptr: Integers, indices: Integers, order: Integers, place: Integers) -> int:
     """Largest distance in `order` between neighbours."""
     for k in range(len(order)):
         place[order[k]] = k

@@ -14,7 +14,7 @@ from bulgefit.fem.elasticity import STIFFNESS_NAMES
 from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
 from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.path import PARITY, STENCIL, Path, hermite_weights
+from bulgefit.fem.path import STENCIL, Path, hermite_weights
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
 __all__ = ["TOLERANCE", "trace"]
@@ -31,10 +31,13 @@ _SMALLEST_STEP = 1e-4
 #: Levels closer than this share of the range get none in between.
 _CLOSEST = 0.02
 #: Factorisations that failed attempts may cost before the path is given up.
-_PATIENCE = 120
+_PATIENCE = 80
 #: After a failure: shorter steps to try, as shares of the one that failed, and leaps over a
 #: singular point, as shares of s.
 _SHORTER, _LEAPS = (0.6, 0.3), (0.015, 0.03, 0.05, 0.022, 0.08, 0.04, 0.12)
+#: A path that stops at soft shear, G12 under this share of D11 + D22, starts anew with tolerances
+#: this much coarser: longer steps leap over the singular points that stopped it.
+_SOFT_SHEAR, _RESTARTS = 0.05, (1.0, 10.0, 100.0)
 #: Levels that predict the next are apart by at least this share of the step.
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's.
@@ -66,6 +69,8 @@ class _Tracer:
         self.work = 0
         self.wasted = 0
         self.closing_in = False
+        # blown from the other side, a flat membrane shows its mirror image
+        self.mirrored = membrane.fabric.surface is None
 
     def solve(self, s: float, guess: Floats, *, follow: bool) -> float:
         """Balance a level and keep it; returns how far (mm) the guess was off."""
@@ -148,7 +153,7 @@ class _Tracer:
 
     def _blend(self, levels: list[_Level], at: Floats, stencil: int) -> Floats:
         value, slope = hermite_weights(
-            np.array([level.s for level in levels]), at, mirrored=True, stencil=stencil
+            np.array([level.s for level in levels]), at, mirrored=self.mirrored, stencil=stencil
         )
         out = np.zeros((len(at), *levels[0].displacement.shape))
         for k, level in enumerate(levels):
@@ -200,15 +205,21 @@ def trace(
             f"pressures must satisfy 0 < lowest <= highest, got {10 * low:g} to {10 * high:g} bar"
         )
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
-    tracer = _Tracer(membrane, stiffness, sensitivities)
-    try:
-        tracer.solve(np.cbrt(low), flat_guess(membrane, low, stiffness), follow=False)
-        worst = _climb(tracer, np.cbrt(high), tolerance * membrane.radius / 100.0)
-    except _StoppedError as stopped:
-        raise _solve_error(tracer, stopped.error, stopped.s, shown) from stopped.error
-    except NewtonError as error:
-        raise _solve_error(tracer, error, np.cbrt(low), shown) from error
-    return _path(tracer, worst)
+    tolerance *= membrane.radius / 100.0
+    soft = stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
+    spent = 0
+    for coarser in _RESTARTS if soft else (1.0,):
+        tracer = _Tracer(membrane, stiffness, sensitivities)
+        tracer.work = spent
+        try:
+            tracer.solve(np.cbrt(low), flat_guess(membrane, low, stiffness), follow=False)
+            return _path(tracer, _climb(tracer, np.cbrt(high), coarser * tolerance))
+        except _StoppedError as stopped:
+            failure = _solve_error(tracer, stopped.error, stopped.s, shown)
+        except NewtonError as error:
+            raise _solve_error(tracer, error, np.cbrt(low), shown) from error
+        spent = tracer.work
+    raise failure
 
 
 class _StoppedError(ArithmeticError):
@@ -315,7 +326,7 @@ def _path(tracer: _Tracer, worst: float) -> Path:
         slope=np.array([level.slope for level in levels]),
         sensitivity=np.array([value for value, _ in pairs]) if pairs else None,
         sensitivity_slope=np.array([slope for _, slope in pairs]) if pairs else None,
-        mirrored=True,
+        mirrored=tracer.mirrored,
         factorisations=tracer.work,
         error_estimate=worst,
         wrinkled=np.array([level.wrinkled for level in levels]),

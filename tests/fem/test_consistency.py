@@ -1,0 +1,217 @@
+"""Do energy, forces, tangents and sensitivities belong together?"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.laws import LAWS, SLACK, TAUT, WRINKLED, point_response
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import Mesh, disc, rectangle
+
+STIFFNESS = orthotropic_stiffness(303.0, 229.0, 5.0, 0.24)
+STATES = {
+    TAUT: [(1.08, 1.05, 0.01), (1.05, 1.05, 0.0), (1.2, 1.15, -0.03)],
+    WRINKLED: [(1.1, 0.8, 0.02), (0.75, 1.06, -0.05), (1.02, 0.96, 0.09)],
+    SLACK: [(0.9, 0.8, 0.02)],
+}
+CASES = [(state, c) for state, many in STATES.items() for c in many]
+
+
+def respond(c: tuple[float, ...], law: str, *, relax: bool = True) -> tuple[int, np.ndarray]:
+    out = np.empty(10)
+    q = np.concatenate([STIFFNESS, np.zeros(4)])
+    return int(point_response(*c, q, LAWS[law], relax, out)), out
+
+
+def tangent(out: np.ndarray) -> np.ndarray:
+    c11, c22, c33, c12, c13, c23 = out[4:]
+    return np.array([[c11, c12, c13], [c12, c22, c23], [c13, c23, c33]])
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("state", "c"), CASES)
+def test_stress_and_tangent_are_the_energys_derivatives(
+    law: str, state: int, c: tuple[float, ...]
+) -> None:
+    found, out = respond(c, law)
+    assert found == state
+    h = 1e-6
+    stress, matrix = np.zeros(3), np.zeros((3, 3))
+    # E11 and E22 move C by 2 h; the engineering shear 2 E12 moves C12 by h
+    for i, size in enumerate((2 * h, 2 * h, h)):
+        step = np.zeros(3)
+        step[i] = size
+        above, below = (respond(tuple(c + sign * step), law)[1] for sign in (1, -1))
+        stress[i] = (above[0] - below[0]) / (2 * h)
+        matrix[:, i] = (above[1:4] - below[1:4]) / (2 * h)
+    np.testing.assert_allclose(out[1:4], stress, atol=2e-7)
+    np.testing.assert_allclose(tangent(out), matrix, atol=2e-5)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_small_strain_is_hooke(law: str) -> None:
+    _, out = respond((1 + 2e-7, 1 + 1e-7, 0.3e-7), law)
+    d11, d22, d12, d33 = STIFFNESS
+    expected = [d11 * 1e-7 + d12 * 0.5e-7, d12 * 1e-7 + d22 * 0.5e-7, d33 * 0.3e-7]
+    np.testing.assert_allclose(out[1:4], expected, rtol=1e-5)
+
+
+def test_laws_differ_as_their_strain_measures_do() -> None:
+    stretch = 1.2
+    for law, strain, factor in (("hencky", np.log(stretch), 1 / stretch**2),
+                                ("svk", (stretch**2 - 1) / 2, 1.0)):  # fmt: skip
+        _, out = respond((stretch**2, stretch**2, 0.0), law)
+        assert out[1] == pytest.approx((STIFFNESS[0] + STIFFNESS[2]) * strain * factor)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_relaxed_stress_is_never_compressive_and_costs_less(law: str) -> None:
+    rng = np.random.default_rng(0)
+    seen = set()
+    for c11, c22, angle in rng.uniform([0.6, 0.6, -0.9], [1.4, 1.4, 0.9], (400, 3)):
+        c = (c11, c22, 0.3 * angle * np.sqrt(c11 * c22))
+        state, out = respond(c, law)
+        _, sheet = respond(c, law, relax=False)
+        low = np.linalg.eigvalsh([[out[1], out[3]], [out[3], out[2]]])[0]
+        assert low >= -1e-9 * STIFFNESS[0]
+        assert out[0] <= sheet[0] + 1e-12
+        seen.add(state)
+    assert seen == {TAUT, WRINKLED, SLACK}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_transitions_are_continuous(law: str) -> None:
+    """Energy and stress along lines from taut through wrinkled to slack have no jump."""
+    share = np.linspace(0, 1, 4001)[:, None]
+    line = (1 - share) * np.array([1.06, 1.04, 0.01]) + share * np.array([0.95, 0.8, 0.02])
+    states, outs = zip(*(respond(tuple(c), law) for c in line), strict=True)
+    assert set(states) == {TAUT, WRINKLED, SLACK}
+    jumps = np.abs(np.diff(np.array(outs)[:, :4], axis=0)).max(axis=0)
+    assert jumps.max() < 2.0 * STIFFNESS[0] * np.abs(np.diff(line, axis=0)).max()
+
+
+def blown(mesh: Mesh, seed: int = 3) -> np.ndarray:
+    """A displacement with every kind of strain, zero on the rim."""
+    x, y = mesh.nodes.T / 100.0
+    bubble = 1 - x**2 - y**2
+    shape = np.column_stack(
+        [2 * x * bubble, 1.5 * y * bubble + 0.5 * x * bubble, 25 * bubble * (1 + 0.1 * x)]
+    )
+    shape += np.random.default_rng(seed).normal(0, 0.05, shape.shape)
+    shape[mesh.rim] = 0.0
+    return shape
+
+
+@pytest.mark.parametrize("solver", ["banded", "superlu"])
+@pytest.mark.parametrize("law", LAWS)
+def test_assembled_tangent_is_the_residuals_derivative(law: str, solver: str) -> None:
+    mesh = disc(100.0, 1)
+    membrane = Membrane(mesh, 0.81, law, solver=solver, angle=0.3)
+    shape, pressure = blown(mesh), 0.1
+    state = membrane.state(shape, pressure, STIFFNESS)
+    assert state.tangent is not None
+    size = membrane.linear.size
+    matrix = membrane.linear.multiply(state.tangent, np.eye(size))
+    h = 1e-5
+    differences = np.empty((size, size))
+    forces = np.empty(size)
+    for i in range(size):
+        move = membrane.spread(h * np.eye(size)[i])
+        above = membrane.state(shape + move, pressure, STIFFNESS)
+        below = membrane.state(shape - move, pressure, STIFFNESS)
+        differences[:, i] = (above.residual - below.residual) / (2 * h)
+        forces[i] = (above.potential - below.potential) / (2 * h)
+    scale = np.abs(matrix).max()
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12 * scale)
+    np.testing.assert_allclose(matrix, differences, atol=2e-8 * scale)
+    np.testing.assert_allclose(state.residual, forces, atol=1e-5)
+    right = np.linspace(-1, 1, size)
+    with_factor = membrane.linear.factorise_indefinite(state.tangent).solve(right)
+    np.testing.assert_allclose(matrix @ with_factor, right, atol=1e-9)
+
+
+def test_load_stiffness() -> None:
+    mesh = disc(100.0, 1)
+    membrane = Membrane(mesh, 0.81)
+    shape, none = blown(mesh), np.zeros(4)
+    loaded = membrane.state(shape, 1.0, none)
+    assert loaded.tangent is not None
+    direction = np.linspace(-1, 1, membrane.linear.size)
+    h = 1e-4 * membrane.spread(direction)
+    change = (membrane.pressure_force(shape + h) - membrane.pressure_force(shape - h)) / 2e-4
+    product = membrane.linear.multiply(loaded.tangent, direction[:, None])[:, 0]
+    np.testing.assert_allclose(product, -change, atol=1e-7 * np.abs(change).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_frame_indifference(law: str) -> None:
+    mesh = disc(100.0, 2)
+    membrane = Membrane(mesh, 0.81, law)
+    shape = blown(mesh)
+    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    turned = (membrane.reference + shape) @ turn.T - membrane.reference
+    here = membrane.state(shape, 0.1, STIFFNESS, tangent=False)
+    there = membrane.state(turned, 0.1, STIFFNESS, tangent=False)
+    assert there.potential == pytest.approx(here.potential, rel=1e-11)
+    scale = np.abs(here.reaction).max()
+    np.testing.assert_allclose(there.reaction, here.reaction @ turn.T, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_patch(law: str) -> None:
+    """A homogeneous stretch of a distorted mesh: inner nodes in balance, rim forces exact."""
+    regular = rectangle((0.0, 10.0), (0.0, 8.0), 5, 4)
+    nodes = regular.nodes.copy()
+    inner = np.setdiff1d(np.arange(len(nodes)), regular.rim)
+    nodes[inner] += np.random.default_rng(2).uniform(-0.5, 0.5, (len(inner), 2))
+    mesh = Mesh.from_arrays(nodes, regular.cells)
+    membrane = Membrane(mesh, 0.81, law)
+    gradient = np.array([[1.06, 0.02], [0.01, 1.04], [0.05, -0.03]])
+    shape = nodes @ gradient.T - membrane.reference
+    state = membrane.state(shape, 0.0, STIFFNESS, tangent=False)
+    assert np.abs(state.reaction[inner]).max() < 1e-10
+    c = gradient.T @ gradient
+    _, out = respond((c[0, 0], c[1, 1], c[0, 1]), law)
+    stress = np.array([[out[1], out[3]], [out[3], out[2]]])
+    right = nodes[:, 0] > 10.0 - 1e-9
+    total = 0.81 * 8.0 * gradient @ stress[:, 0]
+    np.testing.assert_allclose(state.reaction[right].sum(axis=0), total, rtol=1e-10)
+
+
+def test_no_work_round_a_closed_load_path() -> None:
+    """Pressure at a fixed value works along a loop of shapes with fixed rim: zero in sum."""
+    mesh = disc(100.0, 2)
+    membrane = Membrane(mesh, 0.81)
+    first, second = blown(mesh, 1), blown(mesh, 2)[:, [1, 0, 2]]
+    at, weight = np.polynomial.legendre.leggauss(8)
+    work, size = 0.0, 0.0
+    corners = [np.zeros_like(first), first, first + second, second, np.zeros_like(first)]
+    for start, end in pairwise(corners):
+        along = membrane.gather(end - start)
+        for x, w in zip(0.5 * (at + 1), 0.5 * weight, strict=True):
+            part = w * membrane.pressure_force(start + x * (end - start)) @ along
+            work, size = work + part, size + abs(part)
+    assert abs(work) < 1e-11 * size
+
+
+def test_relaxation_matters_where_a_rim_moves_inwards() -> None:
+    """A sheet pushed together carries compression; a fabric does not, and stores less."""
+    mesh = rectangle((0.0, 10.0), (0.0, 10.0), 4, 4)
+    shape = np.column_stack([0.05 * mesh.nodes[:, 0], -0.1 * mesh.nodes[:, 1],
+                             np.zeros(len(mesh.nodes))])  # fmt: skip
+    states = {
+        relax: Membrane(mesh, 0.81, relaxation=relax).state(shape, 0.0, STIFFNESS)
+        for relax in (True, False)
+    }
+    top = mesh.nodes[:, 1] > 10.0 - 1e-9
+    pull = {relax: state.reaction[top, 1].sum() for relax, state in states.items()}
+    assert pull[False] < -100.0
+    assert pull[True] == pytest.approx(0.0, abs=1e-8)
+    assert states[True].potential < states[False].potential
+    assert states[True].wrinkled == 4 * len(mesh.cells)
+    assert states[False].wrinkled == 0
