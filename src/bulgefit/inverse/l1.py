@@ -21,6 +21,10 @@ Floats = NDArray[np.floating]
 
 #: Frames that a dense operator handles at once.
 _CHUNK = 8
+#: Frames from which on it pays to run along the frames instead of the points.
+_MANY = 6
+#: Points whose measured values are turned round together.
+_TILE = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +94,7 @@ def absolute_sums(
     """
     sums = np.zeros((len(nodal), 3))
     if isinstance(observation.matrix, sparse.csr_array):
-        matrix = observation.matrix
-        target = np.zeros((1, 1, 3)) if pull is None else pull
-        _absolute_sums(
-            matrix.indptr, matrix.indices, matrix.data, nodal, measured, scale, sums, target,
-            pull is not None,
-        )  # fmt: skip
+        _sparse_sums(observation.matrix, nodal, measured, scale, sums, pull)
         return sums
     for first in range(0, len(nodal), _CHUNK):
         some = slice(first, first + _CHUNK)
@@ -142,26 +141,96 @@ def _count_and_peaks(measured, counts, peaks):
                     peaks[c] = max(peaks[c], abs(seen))
 
 
+def _sparse_sums(
+    matrix: sparse.csr_array,
+    nodal: Floats,
+    measured: NDArray[np.floating],
+    scale: Floats,
+    sums: Floats,
+    pull: Floats | None,
+) -> None:
+    csr = matrix.indptr, matrix.indices, matrix.data
+    if len(nodal) < _MANY:
+        target = np.zeros((1, 1, 3)) if pull is None else pull
+        _sums_by_frame(*csr, nodal, measured, scale, sums, target, pull is not None)
+        return
+    turned = np.ascontiguousarray(np.moveaxis(nodal, 0, -1))
+    target = np.zeros_like(turned if pull is not None else turned[:1])
+    found = np.zeros((3, len(nodal)))
+    _sums_by_point(
+        *csr, turned, measured, np.ascontiguousarray(scale.T), found, target, pull is not None
+    )
+    sums[:] = found.T
+    if pull is not None:
+        pull[:] = np.moveaxis(target, -1, 0)
+
+
 @compiled
-def _absolute_sums(indptr, indices, data, nodal, measured, scale, sums, pull, with_pull):
+def _sums_by_frame(indptr, indices, data, nodal, measured, scale, sums, pull, with_pull):
     if with_pull:
         pull[:] = 0.0
     for frame in range(nodal.shape[0]):
+        sx, sy, sz = 0.0, 0.0, 0.0
         for point in range(measured.shape[1]):
             first, last = indptr[point], indptr[point + 1]
-            for c in range(3):
-                seen = measured[frame, point, c]
-                if not np.isfinite(seen):
-                    continue
-                value = 0.0
+            x, y, z = 0.0, 0.0, 0.0
+            for i in range(first, last):
+                node, weight = indices[i], data[i]
+                x += weight * nodal[frame, node, 0]
+                y += weight * nodal[frame, node, 1]
+                z += weight * nodal[frame, node, 2]
+            x -= measured[frame, point, 0]
+            y -= measured[frame, point, 1]
+            z -= measured[frame, point, 2]
+            x = 0.0 if np.isnan(x) else x
+            y = 0.0 if np.isnan(y) else y
+            z = 0.0 if np.isnan(z) else z
+            sx, sy, sz = sx + abs(x), sy + abs(y), sz + abs(z)
+            if with_pull:
+                x, y, z = np.sign(x), np.sign(y), np.sign(z)
                 for i in range(first, last):
-                    value += data[i] * nodal[frame, indices[i], c]
-                residual = value - seen
-                sums[frame, c] += abs(residual)
-                if with_pull and residual != 0.0 and scale[frame, c] != 0.0:
-                    share = scale[frame, c] if residual > 0.0 else -scale[frame, c]
+                    node, weight = indices[i], data[i]
+                    pull[frame, node, 0] += weight * x
+                    pull[frame, node, 1] += weight * y
+                    pull[frame, node, 2] += weight * z
+        sums[frame, 0], sums[frame, 1], sums[frame, 2] = sx, sy, sz
+        if with_pull:
+            for node in range(nodal.shape[1]):
+                for c in range(3):
+                    pull[frame, node, c] *= scale[frame, c]
+
+
+@compiled
+def _sums_by_point(indptr, indices, data, nodal, measured, scale, sums, pull, with_pull):
+    # nodal and pull are (n, 3, k), scale and sums (3, k): the inner loops run along the frames
+    count, frames = measured.shape[1], nodal.shape[2]
+    tile = np.empty((_TILE, 3, frames), dtype=measured.dtype)
+    row = np.empty(frames)
+    for start in range(0, count, _TILE):
+        stop = min(start + _TILE, count)
+        for frame in range(frames):
+            for point in range(start, stop):
+                for c in range(3):
+                    tile[point - start, c, frame] = measured[frame, point, c]
+        for point in range(start, stop):
+            first, last = indptr[point], indptr[point + 1]
+            for c in range(3):
+                for k in range(frames):
+                    row[k] = -tile[point - start, c, k]
+                for i in range(first, last):
+                    node, weight = indices[i], data[i]
+                    for k in range(frames):
+                        row[k] += weight * nodal[node, c, k]
+                for k in range(frames):
+                    r = row[k]
+                    sums[c, k] += 0.0 if np.isnan(r) else abs(r)
+                    # NaN compares false, so it pulls nowhere
+                    row[k] = ((1.0 if r > 0.0 else 0.0) - (1.0 if r < 0.0 else 0.0)) * scale[c, k]
+                if with_pull:
                     for i in range(first, last):
-                        pull[frame, indices[i], c] += share * data[i]
+                        node, weight = indices[i], data[i]
+                        for k in range(frames):
+                            pull[node, c, k] += weight * row[k]
 
 
 @compiled
