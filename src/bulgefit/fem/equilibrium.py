@@ -64,11 +64,19 @@ def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats
     """Displacement (n, 3) mm that a flat disc is close to at a light pressure.
 
     Hencky's problem: w = W0 (p a/(E t))^(1/3) a (1 - r²/a²) with W0 = 0.65 (nu about 0.3) and
-    the mean of the moduli along warp and fill.
+    the mean of the moduli along warp and fill; higher for a slack fabric, and no higher than
+    p a²/4T under a pretension T.
     """
     modulus = 0.5 * (stiffness[0] + stiffness[1]) * (1 - 0.3**2)
     a = membrane.radius
     height = 0.65 * a * np.cbrt(pressure * a / (modulus * membrane.thickness))
+    slack = 0.5 * sum(membrane.fabric.slack)
+    if slack > 0.0:
+        # a paraboloid of this height is longer than the disc by the slack and the stretch
+        height = np.sqrt(height**2 + 1.5 * slack * a**2)
+    elif slack < 0.0:
+        tension = -slack * modulus * membrane.thickness
+        height = min(height, pressure * a**2 / (4.0 * tension))
     guess = np.zeros_like(membrane.reference)
     guess[:, 2] = height * (1 - (membrane.mesh.nodes**2).sum(axis=1) / a**2)
     guess[membrane.fixed] = 0.0

@@ -62,7 +62,7 @@ class LinearSolver(Protocol):
     length: int
 
     def factorise(self, data: Floats, shift: float = 0.0) -> Factor:
-        """Factor of the tangent plus `shift` times its diagonal.
+        """Factor of the tangent plus `shift` times its mean diagonal entry on the diagonal.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class BandedCholesky:
         """Overwrites nothing; raises NotPositiveDefiniteError."""
         band = data[:-1].copy()
         if shift:
-            band[:: self._height] *= 1.0 + shift
+            band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
         factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
         if info != 0:
@@ -201,7 +201,7 @@ class SparseLU:
         values = data[:-1]
         if shift:
             values = values.copy()
-            values[self._diagonal] *= 1.0 + shift
+            values[self._diagonal] += shift * np.abs(values[self._diagonal]).mean()
         try:
             factor = splu(
                 self._full(values),
