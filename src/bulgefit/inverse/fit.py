@@ -130,6 +130,6 @@ def stability(objective: Objective, material: Material) -> Stability:
             lost.append(path.pressure[max(unstable[0] - 1, 0)])
     if not lost:
         return Stability(None, 0, wrinkled)
-    limit = min(lost)
+    limit = float(min(lost))
     beyond = sum(int((test.pressure > limit).sum()) for test in objective.tests)
     return Stability(10.0 * limit, beyond, wrinkled)

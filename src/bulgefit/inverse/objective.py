@@ -175,16 +175,16 @@ class Objective:
         found = []
         for i, (part, field) in enumerate(zip(self._parts, fields, strict=True)):
             assert field.derivative is not None
-            for sample in self._sampled(i, part):
-                found.append(
-                    linearised_rows(
-                        sample.operator,
-                        _of_frames(field.displacement, sample.block),
-                        _of_frames(field.derivative, sample.block),
-                        sample.block.displacement,
-                        sample.scale,
-                    )
+            found += [
+                linearised_rows(
+                    sample.operator,
+                    _of_frames(field.displacement, sample.block),
+                    _of_frames(field.derivative, sample.block),
+                    sample.block.displacement,
+                    sample.scale,
                 )
+                for sample in self._sampled(i, part)
+            ]
         jacobian, residual, scale = (np.concatenate(items) for items in zip(*found, strict=True))
         return Rows(jacobian @ columns, residual, scale, whole=self._kept == 1.0)
 
