@@ -23,6 +23,7 @@ FLOORS = {
     "fem": 1,
     "dic": 1,
     "files": 0,
+    "threads": 0,
     "errors": 0,
 }
 GROUND = 0
