@@ -86,9 +86,7 @@ def _state(reference: Floats, radius: float, values: Mapping[str, float]) -> Flo
     return (coefficients @ reference_modes(reference, radius)).T
 
 
-def through(
-    change: Floats, pressure: Floats, values: Mapping[str, float]
-) -> Floats:
+def through(change: Floats, pressure: Floats, values: Mapping[str, float]) -> Floats:
     """Change (frames, n, 3) of the reported displacement for a change of the fabric's."""
     out = (1.0 + values.get("dic_scale.scale", 0.0)) * change
     for k, p in enumerate(10.0 * pressure):

@@ -138,9 +138,7 @@ def true_pressure(recorded: Floats, time: Floats | None, values: Mapping[str, fl
     """
     offset = 0.1 * values.get("pressure_offset.offset", 0.0)
     gain = values.get("pressure_gain.gain", 0.0)
-    return (recorded - offset) / (
-        (1.0 + gain) * _softening(time, values.get("creep.rate", 0.0))
-    )
+    return (recorded - offset) / ((1.0 + gain) * _softening(time, values.get("creep.rate", 0.0)))
 
 
 def load_derivative(
@@ -150,7 +148,9 @@ def load_derivative(
     pressure = true_pressure(recorded, time, values)
     if name == "pressure_offset.offset":
         softening = _softening(time, values.get("creep.rate", 0.0))
-        return np.full_like(recorded, -0.1) / ((1.0 + values.get("pressure_gain.gain", 0.0)) * softening)
+        return np.full_like(recorded, -0.1) / (
+            (1.0 + values.get("pressure_gain.gain", 0.0)) * softening
+        )
     if name == "pressure_gain.gain":
         return -pressure / (1.0 + values.get("pressure_gain.gain", 0.0))
     assert time is not None

@@ -133,7 +133,7 @@ class Specimen:
         self.reference = np.asarray(block.reference, dtype=np.float64)
         self.measured = block.displacement
         self.recorded = np.asarray(self.test.pressure, dtype=np.float64)
-        self.time = self.test.time
+        self.time = None if self.test.time is None else np.asarray(self.test.time, np.float64)
         self.mesh = disc(self.test.radius, self.refine)
 
     def nulls(self) -> dict[str, float]:
@@ -179,9 +179,7 @@ class Specimen:
         pressure = np.maximum(true_pressure(self.recorded, self.time, given), 1e-6)
         balances = self._balance(membrane, stiffness, pressure, given, near)
         wanted = list(names)
-        forces = {
-            name: _Difference(self, given, name) for name in wanted if name in MECHANICS
-        }
+        forces = {name: _Difference(self, given, name) for name in wanted if name in MECHANICS}
         derivative = {
             name: np.zeros((len(pressure), *membrane.reference.shape))
             for name in wanted
@@ -227,32 +225,24 @@ class Specimen:
                 ),
                 np.zeros_like(near.displacement),
             )
-            try:
-                return [
-                    solve(membrane, guess, p, stiffness, follow=True)
-                    for guess, p in zip(guesses, pressure, strict=True)
-                ]
-            except NewtonError:
-                pass  # too far from the last parameters: trace the path anew
+            return [
+                _solved(membrane, guess, p, stiffness, values)
+                for guess, p in zip(guesses, pressure, strict=True)
+            ]
         low, high = float(pressure.min()), float(pressure.max())
         path = trace(
             membrane, stiffness, (min(low, 0.5 * high), high), tolerance=0.05, parameters=values
         )
-        found = []
-        for p in pressure:
-            try:
-                guess = path(min(max(p, path.pressure[0]), path.pressure[-1]))[0]
-                found.append(solve(membrane, guess, p, stiffness, follow=True))
-            except NewtonError as error:
-                raise SolveError(
-                    f"no equilibrium: {error.reason}",
-                    pressure=float(p),
-                    reached=float(path.pressure[-1]),
-                    iteration=error.iteration,
-                    residual_norm=error.residual_norm,
-                    parameters=values,
-                ) from error
-        return found
+        return [
+            _solved(
+                membrane,
+                path(min(max(p, path.pressure[0]), path.pressure[-1]))[0],
+                p,
+                stiffness,
+                values,
+            )
+            for p in pressure
+        ]
 
     def predict(
         self,
@@ -289,9 +279,7 @@ class Specimen:
                 change = motion[:, :1] * by_x + motion[:, 1:] * by_y
                 row += through(change, shapes.pressure, given)
             if name == "dic_smoothing.window":
-                row += through(
-                    self._window_derivative(shapes, plain), shapes.pressure, given
-                )
+                row += through(self._window_derivative(shapes, plain), shapes.pressure, given)
         return Prediction(displacement, rows, shapes)
 
     def _unit_points(self, values: Mapping[str, float]) -> Floats:
@@ -309,14 +297,16 @@ class Specimen:
                 "dic_smoothing.window",
             )
         )
-        if key not in self._points:
+        found = self._points.get(key)
+        if found is None:
             points = self._unit_points(values)
             plain = smooth_field(self.mesh.nodes, points)
             window = key[-1]
-            averaged = self._window(points, window) if window > 0.0 else plain
-            self._points.clear()
-            self._points[key] = averaged, plain
-        return self._points[key]
+            found = self._window(points, window) if window > 0.0 else plain, plain
+            if len(self._points) > 8:
+                self._points.clear()
+            self._points[key] = found
+        return found
 
     def _window(self, points: Floats, window: float) -> SmoothField:
         """Mean over a disc of radius `window` (mm); what lies beyond the rim drops out."""
@@ -377,13 +367,11 @@ class _Difference:
             self._direct: Floats | None = orthotropic_stiffness_derivative(*_constants(values))[
                 :, index
             ]
-            self._membranes = (specimen.membrane(values),)
-            self._stiffness = (_stiffness(values),)
+            self._membranes: tuple[Membrane, ...] = (specimen.membrane(values),)
+            self._stiffness: tuple[Floats, ...] = (_stiffness(values),)
             return
         self._direct = None
-        step = _STEPS.get(
-            name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP
-        )
+        step = _STEPS.get(name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP)
         here = values.get(name, 0.0)
         low, high = here - step, here + step
         if name == "clamp_slip.compliance":
@@ -409,6 +397,23 @@ class _Difference:
             for m, q in zip(self._membranes, self._stiffness, strict=True)
         )
         return self._scale * (high - low) / self._span
+
+
+def _solved(
+    membrane: Membrane, guess: Floats, pressure: float, stiffness: Floats, values: dict[str, float]
+) -> Equilibrium:
+    """Balance one frame; raises SolveError."""
+    try:
+        return solve(membrane, guess, float(pressure), stiffness, follow=True)
+    except NewtonError as error:
+        raise SolveError(
+            f"no equilibrium near the last shape: {error.reason}",
+            pressure=float(pressure),
+            reached=float(pressure),
+            iteration=error.iteration,
+            residual_norm=error.residual_norm,
+            parameters=values,
+        ) from error
 
 
 def _has_gain(values: Mapping[str, float]) -> bool:

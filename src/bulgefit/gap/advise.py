@@ -1,0 +1,184 @@
+"""Which further measurement would best split what this test cannot tell apart?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import BulgefitError
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import Explanation, Universe
+from bulgefit.gap.regress import Data
+from bulgefit.model.specimen import Specimen
+
+__all__ = ["Advice", "advise"]
+
+Floats = NDArray[np.float64]
+
+#: Standard error (mm) of a shape measured without pressure, of a rim point's displacement.
+SHAPE_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A further measurement and what it promises.
+
+    Attributes
+    ----------
+    measurement : str
+    separation : float
+        Predicted distance, in standard errors, between the two leading explanations once the
+        measurement is added; now it is that of the first entry, "this test alone".
+    """
+
+    measurement: str
+    separation: float
+
+
+def advise(data: Sequence[Data], found: Explanation, known: Universe) -> list[Advice]:
+    """Measurements ranked by the separation that the sensitivities predict.
+
+    The leading ambiguity is the last effect taken against its closest rival; without one, the
+    two candidates that came closest to each other.
+    """
+    pair = _leading(found)
+    if pair is None:
+        return []
+    first, second = pair
+    d = data[0]
+    names = [*MODULI, *_first_group(first), *_first_group(second)]
+    rival = len(_first_group(second))
+    size = {name: _plausible(name) for name in names}
+    try:
+        base = _normal(d, d.specimen, found, names)
+        options = {
+            "this test alone": base,
+            "low-pressure frames (0.005 to 0.05 bar)": base
+            + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), found, names),
+            "rim points (0.95 to 0.99 of the radius)": base
+            + _normal(d, _with_rim_points(d), found, names),
+            "specimen rotated by 90° in the clamp": base
+            + _normal(d, d.specimen, found, names, turned=True),
+            "static images (four times the frames' precision at rest)": base + _camera_prior(names),
+            "shape at zero pressure": base + _shape_prior(names),
+            "hold at the highest pressure": base + _only(names, "creep", 1e4),
+            "unloading branch": base + _only(names, "creep", 1e3) + 0.5 * base,
+        }
+    except BulgefitError:
+        return []
+    ranked = [
+        Advice(name, _separation(h, rival, names, size, d.inflation)) for name, h in options.items()
+    ]
+    return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
+
+
+def _leading(found: Explanation) -> tuple[str, str] | None:
+    rounds = [r for r in found.rounds if len(r.candidates) > 1]
+    if not rounds:
+        return None
+    for r in reversed(rounds):
+        if r.taken is not None and r.ties:
+            return r.taken.effect, r.ties[0].effect
+    last = rounds[-1]
+    pick = last.taken.effect if last.taken else last.candidates[0].effect
+    others = [c.effect for c in last.candidates if c.effect != pick]
+    return (pick, others[0]) if others else None
+
+
+def _first_group(effect: str) -> tuple[str, ...]:
+    return CATALOGUE[effect].groups()[0]
+
+
+def _plausible(name: str) -> float:
+    """A tenth of the plausible range of an effect's parameter; a tenth of a modulus."""
+    if name in MODULI:
+        return 20.0
+    effect, _, parameter = name.partition(".")
+    (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
+    return 0.1 * (found.upper - found.lower)
+
+
+def _normal(
+    d: Data, specimen: Specimen, found: Explanation, names: Sequence[str], *, turned: bool = False
+) -> Floats:
+    """Normal matrix of a (further) measurement with the final model's parameters."""
+    values = {k.partition("@")[0]: v for k, v in found.final.values.items() if not k.endswith("@1")}
+    if turned:
+        values = {
+            **values,
+            "axis_misalignment.angle": values.get("axis_misalignment.angle", 0) + 90,
+        }
+    rows = specimen.predict(values, names).derivative / d.sigma
+    flat = rows.reshape(len(names), -1)
+    return flat @ flat.T
+
+
+def _with_pressures(d: Data, pressure: Floats) -> Specimen:
+    test = d.specimen.test
+    made = BulgeTest.from_arrays(
+        d.specimen.reference,
+        np.zeros((len(pressure), len(d.specimen.reference), 3)),
+        pressure,
+        radius=test.radius,
+        thickness=test.thickness,
+        poisson_ratio=test.poisson_ratio,
+    )
+    return Specimen(made, refine=d.specimen.refine, law=d.specimen.law)
+
+
+def _with_rim_points(d: Data) -> Specimen:
+    angle = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    ring = np.concatenate(
+        [
+            share * d.specimen.test.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            for share in (0.95, 0.97, 0.99)
+        ]
+    )
+    points = np.column_stack([ring, np.zeros(len(ring))])
+    made = BulgeTest.from_arrays(
+        points,
+        np.zeros((len(d.specimen.recorded), len(points), 3)),
+        d.specimen.recorded,
+        radius=d.specimen.test.radius,
+        thickness=d.specimen.test.thickness,
+        poisson_ratio=d.specimen.test.poisson_ratio,
+    )
+    return Specimen(made, refine=d.specimen.refine, law=d.specimen.law)
+
+
+def _prior(names: Sequence[str], errors: dict[str, float]) -> Floats:
+    return np.diag([1.0 / errors[n] ** 2 if n in errors else 0.0 for n in names])
+
+
+def _camera_prior(names: Sequence[str]) -> Floats:
+    """Images at rest show a moved frame directly: 0.005 degree, 0.005 mm."""
+    return _prior(names, {n: 0.005 for n in names if n.startswith("rigid_motion")})
+
+
+def _shape_prior(names: Sequence[str]) -> Floats:
+    """A measured shape fixes the initial shape, and what the reference image already showed."""
+    return _prior(
+        names,
+        {n: SHAPE_ERROR for n in names if n.startswith(("initial_shape", "reference_state.z"))},
+    )
+
+
+def _only(names: Sequence[str], effect: str, weight: float) -> Floats:
+    return np.diag([weight if n.startswith(effect) else 0.0 for n in names])
+
+
+def _separation(
+    h: Floats, rival: int, names: Sequence[str], size: dict[str, float], inflation: float
+) -> float:
+    """Largest signal of the second effect, at a plausible size, that the rest cannot imitate."""
+    own = slice(len(names) - rival, len(names))
+    rest = slice(0, len(names) - rival)
+    left = h[own, own] - h[own, rest] @ np.linalg.pinv(h[rest, rest], hermitian=True) @ h[rest, own]
+    sizes = np.array([size[n] for n in names[own]])
+    return float(
+        np.sqrt(max(np.linalg.eigvalsh(left * np.outer(sizes, sizes)).max(), 0.0) / inflation)
+    )

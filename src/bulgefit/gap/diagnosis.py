@@ -1,0 +1,374 @@
+"""Diagnose the gap between the virtual and the measured test."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError, SolveError
+from bulgefit.gap.advise import Advice, advise
+from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
+from bulgefit.gap.explain import Explanation, Round, Universe, explain, universe
+from bulgefit.gap.locate import Mode, azimuthal_modes
+from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
+from bulgefit.gap.prepare import Prepared, correct_discretisation, drop_outliers, prepare
+from bulgefit.gap.regress import Regression, bounds_of, regress
+from bulgefit.gap.separate import Pair, indistinguishable
+from bulgefit.inverse.result import describe_tests, versions
+from bulgefit.threads import one_blas_thread
+
+__all__ = ["Cause", "Diagnosis", "diagnose"]
+
+#: Where the baseline starts: a coated fabric with stiff shear, which is stable everywhere.
+START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that was named, wholly or in part.
+
+    Attributes
+    ----------
+    effect : str
+    alternatives : tuple of str
+        Effects that this data cannot tell from it.
+    parameters : dict of name to {"value", "stderr", "unit"}
+    at_bound : bool
+        A parameter sits at the edge of its plausible range.
+    share_of_gap : float
+        Of the baseline's held-out misfit beyond the noise.
+    heldout_reduction : float
+        Part of the held-out misfit, before it was added, that it takes away.
+    bias_if_omitted : dict
+        Relative error of each modulus when the effect is left out.
+    partial : bool
+        True where significant structure is left beside it.
+    """
+
+    effect: str
+    alternatives: tuple[str, ...]
+    parameters: dict[str, dict[str, Any]]
+    at_bound: bool
+    share_of_gap: float
+    heldout_reduction: float
+    bias_if_omitted: dict[str, float]
+    partial: bool
+
+
+@dataclass(eq=False)
+class Diagnosis:
+    """What a diagnosis found; `to_dict` is its JSON.
+
+    Attributes
+    ----------
+    verdict : {"named", "ambiguous", "none", "unknown"}
+    causes : list of Cause
+    prepared : list of Prepared
+    explanation : Explanation
+    known : Universe
+        Sensitivities at the final model.
+    gaps : dict
+        "baseline", "explained", "heldout_baseline", "heldout_explained", "noise_floor".
+    modes : list of Mode
+        Of the baseline's residual.
+    pairs : list of Pair
+    advice : list of Advice
+    skipped : dict of effect to why
+    """
+
+    verdict: str
+    causes: list[Cause]
+    prepared: list[Prepared]
+    explanation: Explanation
+    known: Universe
+    gaps: dict[str, Gap]
+    modes: list[Mode]
+    pairs: list[Pair]
+    advice: list[Advice]
+    skipped: dict[str, str]
+    tests: list[BulgeTest]
+    seed: int
+    seconds: float
+    warnings: list[str] = field(default_factory=list)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The diagnosis as JSON types."""
+        start, rest = self.explanation.start, self.explanation.remainder
+        return {
+            "verdict": self.verdict,
+            "causes": [_cause_dict(c) for c in self.causes],
+            "gap": {
+                "baseline": self.gaps["baseline"],
+                "explained": self.gaps["explained"],
+                "heldout": {
+                    "baseline": self.gaps["heldout_baseline"],
+                    "explained": self.gaps["heldout_explained"],
+                },
+                "noise_floor": self.gaps["noise_floor"],
+                "discretisation_mm": float(max(p.discretisation.max() for p in self.prepared)),
+            },
+            "where": [_cell_dict(c) for c in start.cells if abs(c.significance) > 3.0][:40],
+            "modes": [_mode_dict(m) for m in self.modes if m.growth != "within noise"],
+            "parameters": {
+                "baseline": _moduli(self.explanation.baseline),
+                "corrected": _moduli(self.explanation.final),
+            },
+            "indistinguishable": [
+                {"effects": list(p.effects), "cosine": p.cosine} for p in self.pairs
+            ],
+            "advice": [
+                {"measurement": a.measurement, "separation": a.separation} for a in self.advice
+            ],
+            "remainder": {
+                "significant": rest.significant,
+                "where": [_cell_dict(c) for c in rest.cells if abs(c.significance) > 3.0][:20]
+                if rest.significant
+                else [],
+            },
+            "tried": [_round_dict(r) for r in self.explanation.rounds],
+            "skipped": self.skipped,
+            "warnings": self.warnings,
+            "noise": [
+                {
+                    "test": p.data.specimen.test.name,
+                    "sigma_mm": p.noise.sigma.tolist(),
+                    "correlation_length_mm": p.noise.correlation_length,
+                    "effective_points_per_point": 1.0 / p.noise.inflation,
+                    "source": p.noise.source,
+                }
+                for p in self.prepared
+            ],
+            "meta": {
+                "versions": versions(),
+                "seed": self.seed,
+                "checksums": {t["name"]: t["sha256"] for t in describe_tests(self.tests)},
+                "seconds": self.seconds,
+            },
+        }
+
+
+def diagnose(
+    tests: BulgeTest | Sequence[BulgeTest],
+    *,
+    effects: Iterable[str] | None = None,
+    law: str = "hencky",
+    seed: int = 0,
+    workers: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Where the model misses, which unmodelled effect causes it, and how far the gap shrinks.
+
+    Parameters
+    ----------
+    tests : BulgeTest or sequence of BulgeTest
+        Several are judged together: material effects are shared, all others are each test's own.
+    effects : iterable of str, optional
+        Candidates; default: the whole catalogue.
+    law : {"hencky", "svk"}
+    seed : int
+        Kept for the record; the search draws nothing at random.
+    workers : int
+        Threads that refit candidates side by side; the result does not depend on it.
+    say : callable
+        Told what is being tried.
+
+    Raises
+    ------
+    InputError
+        A test with too few points or frames to judge, unknown effects.
+    SolveError
+        The baseline finds no equilibrium.
+    """
+    began = time.perf_counter()
+    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    if not given:
+        raise InputError("no bulge test was given")
+    has_time = all(t.time is not None for t in given)
+    candidates = chosen_effects(effects, has_time=has_time)
+    skipped = {} if has_time else {"creep": "the test has no time"}
+    with one_blas_thread(), ThreadPoolExecutor(max_workers=workers) as pool:
+        prepared = [prepare(test, law) for test in given]
+        data = [p.data for p in prepared]
+        say("baseline: the moduli alone")
+        baseline = _baseline(prepared)
+        found = explain(
+            data, candidates, baseline, say, lambda task, items: list(pool.map(task, items))
+        )
+        known = universe(data, found.final, candidates)
+        say("held-out gap")
+        weight = weight_of(data)
+        gaps = {
+            "baseline": fitted_gap(data, baseline, weight),
+            "explained": fitted_gap(data, found.final, weight),
+            "heldout_baseline": held_out_gap(data, baseline, weight),
+            "heldout_explained": held_out_gap(data, found.final, weight),
+            "noise_floor": noise_gap(data, weight),
+        }
+        pairs = indistinguishable(known)
+        if any(e.never_separable for e in candidates):
+            pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
+        causes = _causes(found, known)
+        advice = advise(data, found, known)
+    return Diagnosis(
+        verdict=_verdict(found, causes),
+        causes=causes,
+        prepared=prepared,
+        explanation=found,
+        known=known,
+        gaps=gaps,
+        modes=azimuthal_modes(data, baseline),
+        pairs=pairs,
+        advice=advice,
+        skipped=skipped,
+        tests=given,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+        warnings=_warnings(prepared),
+    )
+
+
+def _baseline(prepared: Sequence[Prepared]) -> Regression:
+    """Moduli alone; then the mesh's error is taken off and outliers left out, and again."""
+    data = [p.data for p in prepared]
+    first = regress(data, MODULI, START)
+    for p, prediction in zip(prepared, first.predictions, strict=True):
+        drop_outliers(p, prediction.displacement)
+        try:
+            correct_discretisation(p, prediction.shapes)
+        except SolveError:
+            p.data.specimen.correction = None
+    return regress(data, MODULI, first.values, [p.shapes for p in first.predictions])
+
+
+def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
+    if found.remainder.significant:
+        return "unknown"
+    if not causes:
+        return "none"
+    return "ambiguous" if any(c.alternatives for c in causes) else "named"
+
+
+def _causes(found: Explanation, known: Universe) -> list[Cause]:
+    errors = found.final.standard_errors()
+    first = found.rounds[0].before if found.rounds else 0.0
+    floor = float(found.final.count.sum()) / found.final.inflation
+    causes = []
+    for r in found.rounds:
+        if r.taken is None or r.taken.effect not in found.groups:
+            continue
+        effect, keys = r.taken.effect, r.taken.keys
+        units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
+        parameters = {}
+        at_bound = False
+        for key in keys:
+            name = key.partition(".")[2]
+            value = found.final.values[key]
+            low, high = bounds_of(key)
+            at_bound |= min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0
+            parameters[name] = {
+                "value": float(value),
+                "stderr": float(errors[key]),
+                "unit": units[name.partition("@")[0]],
+            }
+        gained = r.before - r.taken.held_out
+        causes.append(
+            Cause(
+                effect=effect,
+                alternatives=tuple(dict.fromkeys(t.effect for t in r.ties if t.effect != effect)),
+                parameters=parameters,
+                at_bound=bool(at_bound),
+                share_of_gap=float(np.clip(gained / max(first - floor, 1e-9), 0.0, 1.0)),
+                heldout_reduction=float(gained / r.before),
+                bias_if_omitted=_bias(found.final, keys),
+                partial=found.remainder.significant,
+            )
+        )
+    return causes
+
+
+def _bias(final: Regression, keys: Sequence[str]) -> dict[str, float]:
+    """Relative error of the moduli when `keys` are held at their null, to first order."""
+    own = [final.keys.index(k) for k in keys]
+    rest = [i for i in range(len(final.keys)) if i not in own]
+    h = final.hessian.sum(axis=0)
+    null = np.array([0.24 if k.startswith("poisson_ratio") else 0.0 for k in keys])
+    change = null - np.array([final.values[k] for k in keys])
+    moved = -np.linalg.lstsq(h[np.ix_(rest, rest)], h[np.ix_(rest, own)] @ change, rcond=None)[0]
+    by_key = dict(zip((final.keys[i] for i in rest), moved, strict=True))
+    return {m: float(by_key[m] / final.values[m]) for m in MODULI if m in by_key}
+
+
+def _warnings(prepared: Sequence[Prepared]) -> list[str]:
+    out = []
+    for p in prepared:
+        name = p.data.specimen.test.name
+        if p.rough_from is not None:
+            out.append(
+                f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
+                "in bands there (soft shear), which no mesh-independent model follows"
+            )
+        if p.data.specimen.correction is None:
+            out.append(f"{name}: the mesh's error could not be estimated; small gaps may be its")
+    return out
+
+
+def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
+    errors = fit.standard_errors()
+    return {
+        m: {"value": float(fit.values[m]), "stderr": float(errors[m]), "unit": "MPa"}
+        for m in MODULI
+    }
+
+
+def _cause_dict(cause: Cause) -> dict[str, Any]:
+    return {
+        "effect": cause.effect,
+        "alternatives": list(cause.alternatives),
+        "parameters": cause.parameters,
+        "at_bound": cause.at_bound,
+        "share_of_gap": cause.share_of_gap,
+        "heldout_reduction": cause.heldout_reduction,
+        "bias_if_omitted": cause.bias_if_omitted,
+        "partial": cause.partial,
+        "meaning": CATALOGUE[cause.effect].meaning,
+    }
+
+
+def _cell_dict(cell: Any) -> dict[str, Any]:
+    return {
+        "test": cell.test,
+        "component": cell.component,
+        "region": cell.region,
+        "pressure_band_bar": list(cell.band),
+        "mean_mm": cell.mean,
+        "share": cell.share,
+        "significance": cell.significance,
+    }
+
+
+def _mode_dict(mode: Mode) -> dict[str, Any]:
+    return {
+        "test": mode.test,
+        "component": mode.component,
+        "order": mode.order,
+        "growth": mode.growth,
+        "largest_mm": float(np.abs(mode.amplitude).max()),
+        "noise_mm": mode.noise,
+    }
+
+
+def _round_dict(found: Round) -> dict[str, Any]:
+    return {
+        "heldout_before": found.before,
+        "taken": found.taken.effect if found.taken else None,
+        "candidates": [
+            {"effect": c.effect, "parameters": len(c.keys), "heldout": c.held_out}
+            for c in found.candidates
+        ],
+    }

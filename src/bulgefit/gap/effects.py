@@ -1,0 +1,223 @@
+"""The catalogue: what may be missing from the model, with its parameters and plausible range.
+
+Every effect is a parameter group held at its null in the baseline; diagnosing frees groups. A new
+effect is one entry here and one term in its place (`bulgefit.model.places`, `.camera`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from bulgefit.errors import InputError
+from bulgefit.model.camera import REFERENCE_MODES
+from bulgefit.model.places import FOLD_ORDERS
+
+__all__ = ["CATALOGUE", "MODULI", "Effect", "EffectParameter", "chosen_effects"]
+
+MODULI = ("E1", "E2", "G12")
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+        As the effect's report shows it; in the model it is `effect.name`.
+    unit : str
+    lower, upper : float
+        Plausible range.
+    start : float
+        Where a fit starts; not the null where the effect is of second order there.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    start: float = 0.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An unmodelled effect.
+
+    Attributes
+    ----------
+    id, place, meaning : str
+    parameters : tuple of EffectParameter
+    stages : tuple of int
+        Numbers of parameters, ascending, at which the group may stop: flexible effects take as
+        many as held-out data pay for.
+    shared : bool
+        True for the material: specimens of one fabric share it.
+    needs_time : bool
+    never_separable : str
+        Why no test can tell it apart, else "".
+    """
+
+    id: str
+    place: str
+    meaning: str
+    parameters: tuple[EffectParameter, ...]
+    stages: tuple[int, ...] = ()
+    shared: bool = False
+    needs_time: bool = False
+    never_separable: str = ""
+
+    @property
+    def all_keys(self) -> tuple[str, ...]:
+        """Names of the parameters in the model."""
+        return tuple(f"{self.id}.{p.name}" for p in self.parameters)
+
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Parameter groups that may be freed, each containing the one before."""
+        return tuple(self.all_keys[:count] for count in (self.stages or (len(self.parameters),)))
+
+
+def _several(names: Iterable[str], unit: str, size: float) -> tuple[EffectParameter, ...]:
+    return tuple(EffectParameter(name, unit, -size, size) for name in names)
+
+
+_AXES = ("x", "y", "z")
+_FOLDS = tuple(f"{kind}{order}" for order in FOLD_ORDERS for kind in "cs")
+# by degree, so that a stage is a full polynomial in all three components
+_STATE = tuple(
+    f"{axis}{i}{j}" for n in range(6) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
+)
+
+CATALOGUE: dict[str, Effect] = {
+    effect.id: effect
+    for effect in (
+        Effect(
+            "initial_shape",
+            "shape",
+            "the fabric was not flat before inflation",
+            _several(("h0", "hx", "hy", "c2", "s2", "h2", *_FOLDS), "mm", 10.0),
+            stages=(1, 3, 6, 10, 14),
+        ),
+        Effect(
+            "clamp_shape",
+            "shape",
+            "the clamp's opening is oval or of another radius",
+            _several(("ellipticity", "radius_error"), "1", 0.03),
+        ),
+        Effect(
+            "prestrain",
+            "clamp",
+            "the fabric was mounted slack (positive) or stretched (negative)",
+            _several(("slack_x", "slack_y"), "1", 0.02),
+        ),
+        Effect(
+            "clamp_slip",
+            "clamp",
+            "the fabric slips inwards at the clamp",
+            (EffectParameter("compliance", "mm per N/mm", 0.0, 0.1, 1e-3),),
+        ),
+        Effect(
+            "axis_misalignment",
+            "material",
+            "the warp axis is turned from x",
+            (EffectParameter("angle", "degree", -45.0, 45.0),),
+        ),
+        Effect(
+            "poisson_ratio",
+            "material",
+            "Poisson's ratio is not the one assumed",
+            (EffectParameter("nu12", "1", 0.0, 0.5),),
+            shared=True,
+        ),
+        Effect(
+            "nonlinear_material",
+            "material",
+            "stress is not linear in strain along warp and fill",
+            tuple(EffectParameter(n, "1", -2.0, 8.0) for n in ("k_x", "k_y")),
+            shared=True,
+        ),
+        Effect(
+            "stiffness_gradient",
+            "material",
+            "stiffness (thickness) varies across the specimen",
+            _several(("g_x", "g_y"), "1", 0.5),
+        ),
+        Effect(
+            "creep",
+            "material",
+            "stiffness falls with the logarithm of time under load",
+            (EffectParameter("rate", "1 per decade", 0.0, 0.2),),
+            shared=True,
+            needs_time=True,
+        ),
+        Effect(
+            "pressure_offset",
+            "load",
+            "recorded minus true pressure",
+            (EffectParameter("offset", "bar", -0.06, 0.06),),
+        ),
+        Effect(
+            "pressure_gain",
+            "load",
+            "recorded pressure is true times 1 + gain",
+            (EffectParameter("gain", "1", -0.05, 0.05),),
+            never_separable="a gain of pressure is a gain of every modulus",
+        ),
+        Effect(
+            "rigid_motion",
+            "camera",
+            "the camera's frame moved after the reference image",
+            _several((f"rotation_{a}" for a in _AXES), "degree", 1.0)
+            + _several((f"shift_{a}" for a in _AXES), "mm", 2.0),
+        ),
+        Effect(
+            "fixture_motion",
+            "camera",
+            "the clamp tilts and shifts in proportion to pressure",
+            _several((f"rotation_{a}" for a in _AXES), "degree/bar", 0.5)
+            + _several((f"shift_{a}" for a in _AXES), "mm/bar", 1.0),
+        ),
+        Effect(
+            "reference_state",
+            "camera",
+            "the reference image shows the fabric already displaced",
+            _several(_STATE, "mm", 10.0),
+            stages=(9, 18, 30, 45, 63),
+        ),
+        Effect(
+            "registration",
+            "camera",
+            "the clamp's centre is not the origin of the DIC frame",
+            _several(("x0", "y0"), "mm", 5.0),
+        ),
+        Effect(
+            "dic_scale",
+            "camera",
+            "lengths are seen too long or too short",
+            _several(("scale",), "1", 0.03),
+        ),
+        Effect(
+            "dic_smoothing",
+            "camera",
+            "displacement is averaged over a window",
+            (EffectParameter("window", "mm", 0.0, 15.0, 5.0),),
+        ),
+    )
+}
+
+
+def chosen_effects(names: Iterable[str] | None, *, has_time: bool) -> list[Effect]:
+    """Effects by id (default: all), without those that the data cannot carry.
+
+    Raises
+    ------
+    InputError
+        Unknown names; the known ones are listed.
+    """
+    wanted = list(CATALOGUE if names is None else names)
+    unknown = [n for n in wanted if n not in CATALOGUE]
+    if unknown:
+        raise InputError(
+            f"effects: {', '.join(unknown)} unknown; choose from {', '.join(CATALOGUE)}"
+        )
+    return [CATALOGUE[n] for n in wanted if has_time or not CATALOGUE[n].needs_time]

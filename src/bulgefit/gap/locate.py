@@ -1,0 +1,114 @@
+"""Where is the gap: azimuthal modes of the residual, and how each grows with pressure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.gap.regress import Data, Regression
+
+__all__ = ["Mode", "azimuthal_modes"]
+
+Floats = NDArray[np.float64]
+
+ORDERS = (0, 1, 2, 3, 4)
+_NAMES = ("radial", "hoop", "dz")
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One azimuthal mode of one component of the residual.
+
+    Attributes
+    ----------
+    test, component : str
+        "radial", "hoop" (in-plane displacement) or "dz".
+    order : int
+    pressure : (frames,) array, bar
+    amplitude : (frames,) array, mm
+        Of the residual's mode at the annulus 0.3 to 0.9 of the radius, signed along the mode's
+        mean direction.
+    growth : str
+        "constant", "p^(1/3)" or "growing".
+    noise : float, mm
+        Standard error of an amplitude.
+    """
+
+    test: str
+    component: str
+    order: int
+    pressure: Floats
+    amplitude: Floats
+    growth: str
+    noise: float
+
+
+def azimuthal_modes(data: Sequence[Data], fit: Regression) -> list[Mode]:
+    """Modes m = 0..4 of the residual (measured minus modelled) of every test."""
+    modes = []
+    for d, p in zip(data, fit.predictions, strict=True):
+        residual = np.where(d.used, d.specimen.measured - p.displacement, np.nan)
+        x, y = d.specimen.reference[:, 0], d.specimen.reference[:, 1]
+        radius, angle = np.hypot(x, y), np.arctan2(y, x)
+        ring = (radius > 0.3 * d.specimen.test.radius) & (radius < 0.9 * d.specimen.test.radius)
+        cos, sin = np.cos(angle), np.sin(angle)
+        components = (
+            residual[..., 0] * cos + residual[..., 1] * sin,
+            -residual[..., 0] * sin + residual[..., 1] * cos,
+            residual[..., 2],
+        )
+        sigma = (d.sigma[:2].mean(), d.sigma[:2].mean(), d.sigma[2])
+        order = np.argsort(d.specimen.recorded)
+        bars = 10.0 * d.specimen.recorded[order]
+        for name, component, s in zip(_NAMES, components, sigma, strict=True):
+            for m, both in zip(
+                ORDERS, _amplitudes(component[order][:, ring], angle[ring]), strict=True
+            ):
+                mean = both.mean(axis=0)
+                length = np.linalg.norm(mean)
+                direction = mean / length if length > 0 else np.array([1.0, 0.0])
+                signed = both @ direction
+                error = float(s * np.sqrt(2.0 * d.inflation / max(ring.sum(), 1)))
+                modes.append(
+                    Mode(
+                        d.specimen.test.name,
+                        name,
+                        m,
+                        bars,
+                        signed,
+                        _growth(bars, signed, error),
+                        error,
+                    )
+                )
+    return modes
+
+
+def _amplitudes(field: Floats, angle: Floats) -> list[Floats]:
+    """Cosine and sine coefficients (frames, 2) of each order, by least squares a frame."""
+    columns = [np.ones_like(angle)]
+    for m in ORDERS[1:]:
+        columns += [np.cos(m * angle), np.sin(m * angle)]
+    basis = np.stack(columns, axis=1)
+    found = np.zeros((len(field), basis.shape[1]))
+    for k, row in enumerate(field):
+        seen = np.isfinite(row)
+        if seen.sum() > basis.shape[1]:
+            found[k] = np.linalg.lstsq(basis[seen], row[seen], rcond=None)[0]
+    pairs = [np.stack([found[:, 0], np.zeros(len(field))], axis=1)]
+    pairs += [found[:, 2 * m - 1 : 2 * m + 1] for m in ORDERS[1:]]
+    return pairs
+
+
+def _growth(bars: Floats, amplitude: Floats, error: float) -> str:
+    """Which of constant, p^(1/3) or a line through zero follows the amplitude best."""
+    if np.abs(amplitude).max() < 3.0 * error:
+        return "within noise"
+    shapes = {"constant": np.ones_like(bars), "p^(1/3)": np.cbrt(bars), "growing": bars}
+    misfit = {
+        name: float(((amplitude - shape * (shape @ amplitude) / (shape @ shape)) ** 2).sum())
+        for name, shape in shapes.items()
+    }
+    return min(misfit, key=lambda name: misfit[name])

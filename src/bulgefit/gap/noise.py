@@ -1,0 +1,149 @@
+"""How noisy is the test: per component, and how far the noise is correlated in space."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from bulgefit.dic.bulge_test import BulgeTest
+
+__all__ = ["Noise", "estimate_noise", "outliers", "rough_part"]
+
+Floats = NDArray[np.float64]
+
+#: Distance (mm) beyond which noise is taken as independent.
+REACH = 40.0
+_NEIGHBOURS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise of one test.
+
+    Attributes
+    ----------
+    sigma : (3,) array, mm
+    correlation_length : float, mm
+        Distance at which the correlated share has fallen to 1/e; 0 where none was found.
+    correlated_share : float
+        Share of the variance that is correlated.
+    inflation : float
+        Variance of a mean of neighbouring points over that of independent ones: points divided
+        by it are the effective number of points.
+    source : str
+        "static images" or "the field itself".
+    """
+
+    sigma: Floats
+    correlation_length: float
+    correlated_share: float
+    inflation: float
+    source: str
+
+
+def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
+    """Noise from static images, else from what a local smooth surface leaves of the field.
+
+    Parameters
+    ----------
+    test : BulgeTest
+        Of one block.
+    residual : (frames, n, 3) array, mm, optional
+        Measured minus modelled: smoother than the displacement, so the surface leaves less.
+    """
+    (block,) = test.blocks
+    points = np.asarray(block.reference[:, :2], dtype=float)
+    if test.static_displacement is not None and len(test.static_displacement):
+        field = np.asarray(test.static_displacement, dtype=float)
+        # a camera that moved between the images is no noise
+        field = field - np.nanmean(field, axis=1, keepdims=True)
+        return _describe(points, field, _robust(field), "static images")
+    field = np.asarray(block.displacement if residual is None else residual, dtype=float)
+    rough = rough_part(points, field)
+    return _describe(points, rough, _robust(rough), "the field itself")
+
+
+def _robust(field: Floats) -> Floats:
+    """Standard deviation per component from the median absolute deviation, mm."""
+    flat = field.reshape(-1, 3)
+    centre = np.nanmedian(flat, axis=0)
+    return np.maximum(1.4826 * np.nanmedian(np.abs(flat - centre), axis=0), 1e-5)
+
+
+def rough_part(points: Floats, field: Floats) -> Floats:
+    """What a quadratic surface through the neighbours leaves, scaled to the noise's variance."""
+    count = min(_NEIGHBOURS, len(points))
+    near = KDTree(points).query(points, k=count)[1]
+    local = points[near] - points[:, None]
+    x, y = local[..., 0] / 10.0, local[..., 1] / 10.0
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    projector = np.linalg.pinv(basis)[:, 0]  # (n, count): the surface's value at the point
+    # a lost neighbour makes NaN, and the point is left out
+    smooth = np.einsum("nk,fnkc->fnc", projector, field[:, near])
+    left = np.sqrt(np.maximum(1.0 - projector[:, 0], 0.05))  # hat value of the point itself
+    return (field - smooth) / left[None, :, None]
+
+
+def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Noise:
+    """Correlation against distance, and what it does to the variance of a mean."""
+    unit = np.clip(field / sigma, -4.0, 4.0)
+    unit = np.where(np.isfinite(unit), unit, 0.0)
+    rng = np.random.default_rng(0)
+    chosen = rng.permutation(len(points))[: min(len(points), 1200)]
+    distance = np.linalg.norm(points[chosen][:, None] - points[chosen][None], axis=-1)
+    samples = np.moveaxis(unit[:, chosen], 1, 0).reshape(len(chosen), -1)
+    product = samples @ samples.T / samples.shape[1]
+    edges = np.linspace(0.0, REACH, 17)
+    own = float(np.mean(np.diag(product)))
+    off = ~np.eye(len(chosen), dtype=bool)
+    centres, correlation, weight = [], [], []
+    for low, high in pairwise(edges):
+        inside = off & (distance >= low) & (distance < high)
+        if inside.sum() > 50:
+            centres.append(0.5 * (low + high))
+            correlation.append(float(product[inside].mean()) / own)
+            weight.append(float(inside.sum()))
+    if len(centres) < 4:
+        return Noise(sigma, 0.0, 0.0, 1.0, source)
+    length, share = _fit_correlation(np.array(centres), np.array(correlation), np.array(weight))
+    # density of measured points times the area under the correlation
+    tree = KDTree(points)
+    spacing = float(np.median(tree.query(points, k=2)[0][:, 1]))
+    inflation = 1.0 + share * 2.0 * np.pi * length**2 / spacing**2
+    return Noise(sigma, length, share, float(np.clip(inflation, 1.0, 200.0)), source)
+
+
+def _fit_correlation(distance: Floats, correlation: Floats, weight: Floats) -> tuple[float, float]:
+    """Length and share of the best share exp(-d/length) among lengths up to 30 mm."""
+    best = (0.0, 0.0, np.inf)
+    for length in np.geomspace(2.0, 30.0, 28):
+        shape = np.exp(-distance / length)
+        share = float((weight * shape * correlation).sum() / (weight * shape**2).sum())
+        share = min(max(share, 0.0), 1.0)
+        miss = float((weight * (correlation - share * shape) ** 2).sum())
+        if miss < best[2]:
+            best = (float(length), share, miss)
+    return (best[0], best[1]) if best[1] > 0.02 else (0.0, 0.0)
+
+
+def outliers(points: Floats, residual: Floats, sigma: Floats) -> NDArray[np.bool_]:
+    """Values that depart from their neighbours by more than eight noise units.
+
+    Parameters
+    ----------
+    points : (n, 2) array, mm
+    residual : (frames, n, 3) array, mm
+    sigma : (3,) array, mm
+    """
+    near = KDTree(points).query(points, k=min(9, len(points)))[1][:, 1:]
+    with np.errstate(invalid="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # points without a measured neighbour
+        around = np.nanmedian(residual[:, near], axis=2)
+        spread = 1.4826 * np.nanmedian(np.abs(residual[:, near] - around[:, :, None]), axis=2)
+        limit = 8.0 * np.maximum(sigma, spread)
+        return np.abs(residual - around) > limit

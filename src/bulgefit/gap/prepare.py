@@ -1,0 +1,149 @@
+"""Make a test ready for judgement: fewer points, usable frames, noise, and the mesh's own error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
+from bulgefit.gap.regress import Data
+from bulgefit.model.specimen import Shapes, Specimen
+
+__all__ = ["Prepared", "correct_discretisation", "prepare"]
+
+Floats = NDArray[np.float64]
+
+MOST_POINTS, MOST_FRAMES = 2000, 24
+LEAST_POINTS, LEAST_FRAMES = 60, 5
+#: Mesh of the diagnosis, and the finer one that its error is taken from.
+COARSE, FINE = 4, 6
+#: Roughness of a frame over that of the light ones above which the fabric has localised.
+ROUGH = 2.5
+
+
+@dataclass(eq=False)
+class Prepared:
+    """A test made ready.
+
+    Attributes
+    ----------
+    data : Data
+    noise : Noise
+    frames : (used,) int array
+        Frames of the test that are judged.
+    rough_from : float or None
+        Pressure (bar) from which frames were left out, because the fabric deforms in bands that
+        no smooth model follows.
+    discretisation : (3,) array, mm
+        Root mean square of the mesh's error that was corrected.
+    """
+
+    data: Data
+    noise: Noise
+    frames: NDArray[np.intp]
+    rough_from: float | None
+    discretisation: Floats
+
+
+def prepare(test: BulgeTest, law: str = "hencky") -> Prepared:
+    """Thin, clean and describe one test.
+
+    Raises
+    ------
+    InputError
+        Too few points or frames to judge.
+    """
+    test = _one_block(test)
+    frames, rough_from = _usable_frames(test)
+    if len(frames) < LEAST_FRAMES:
+        raise InputError(
+            f"{test.name}: {len(frames)} usable frames are too few to judge a gap; "
+            f"{LEAST_FRAMES} or more are needed"
+        )
+    test = _thinned(test.select(frames=frames))
+    (block,) = test.blocks
+    if block.measured.any(axis=0).sum() < LEAST_POINTS:
+        raise InputError(
+            f"{test.name}: {block.measured.any(axis=0).sum()} points are too few to judge a gap; "
+            f"{LEAST_POINTS} or more are needed"
+        )
+    noise = estimate_noise(test)
+    specimen = Specimen(test, refine=COARSE, law=law)
+    used = np.isfinite(block.displacement)
+    data = Data(specimen, noise.sigma, used, noise.inflation)
+    return Prepared(data, noise, frames, rough_from, np.zeros(3))
+
+
+def _one_block(test: BulgeTest) -> BulgeTest:
+    if len(test.blocks) == 1:
+        return test
+    raise InputError(
+        f"{test.name}: its frames have points of their own; resample them to common points first "
+        "(bulgefit convert)"
+    )
+
+
+def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
+    """Frames with pressure, up to the one where the field turns rough; thinned evenly."""
+    (block,) = test.blocks
+    order = np.argsort(test.pressure, kind="stable")
+    frames = order[test.pressure[order] > 0.0]
+    frames = np.array([f for f in frames if block.measured[f].sum() >= LEAST_POINTS], dtype=np.intp)
+    if len(frames) < LEAST_FRAMES:
+        return frames, None
+    points = np.asarray(block.reference[:, :2], dtype=float)
+    rough = rough_part(points, np.asarray(block.displacement[frames], dtype=float))
+    level = np.sqrt(np.nanmean(np.clip(rough, -1.0, 1.0)[..., :2] ** 2, axis=(1, 2)))
+    usual = np.median(level[: max(3, len(level) // 3)])
+    wild = np.flatnonzero(level > ROUGH * usual)
+    rough_from = None
+    if len(wild) and (level[wild[0] :] > 0.7 * ROUGH * usual).all():
+        rough_from = 10.0 * float(test.pressure[frames[wild[0]]])
+        frames = frames[: max(wild[0] - 1, 0)]
+    if len(frames) > MOST_FRAMES:
+        frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int))]
+    return frames, rough_from
+
+
+def _thinned(test: BulgeTest) -> BulgeTest:
+    """At most MOST_POINTS, spread evenly: the point nearest each centre of a square grid."""
+    (block,) = test.blocks
+    count = len(block.reference)
+    if count <= MOST_POINTS:
+        return test
+    points = np.asarray(block.reference[:, :2], dtype=float)
+    side = np.sqrt(np.pi * test.radius**2 / MOST_POINTS)
+    cell = np.round(points / side).astype(int)
+    away = np.linalg.norm(points - cell * side, axis=1)
+    order = np.argsort(away, kind="stable")
+    _, first = np.unique(cell[order], axis=0, return_index=True)
+    mask = np.zeros(count, dtype=bool)
+    mask[order[first]] = True
+    return test.select(points=mask)
+
+
+def drop_outliers(prepared: Prepared, modelled: Floats) -> None:
+    """Leave out values that depart from their neighbours far beyond the noise."""
+    data = prepared.data
+    residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
+    data.used = data.used & ~outliers(data.specimen.reference[:, :2], residual, data.sigma)
+
+
+def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
+    """Take the mesh's error off the model, by Richardson's extrapolation from a finer mesh.
+
+    The error of nodes and of interpolation falls with the square of the cell size, and hardly
+    changes with the parameters, so one pair of meshes serves a whole diagnosis.
+    """
+    specimen = prepared.data.specimen
+    specimen.correction = None
+    coarse = specimen.observe(shapes).displacement
+    finer = Specimen(specimen.test, refine=FINE, law=specimen.law)
+    fine = finer.predict(shapes.values).displacement
+    ratio = (FINE / COARSE) ** 2
+    specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)
+    prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))

@@ -1,0 +1,97 @@
+"""Which effects can this data tell apart? Angles between signatures, moduli projected out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import Universe, effect_of
+
+__all__ = ["Pair", "cosine_matrix", "indistinguishable", "norms_left"]
+
+Floats = NDArray[np.float64]
+
+#: Cosine from which a pair is reported.
+ALIKE = 0.9
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects and the largest cosine between their signatures."""
+
+    effects: tuple[str, str]
+    cosine: float
+
+
+def _projected(known: Universe, keys: Sequence[str]) -> tuple[Floats, Floats]:
+    """Normal matrix of `keys` with the moduli projected out, and their norms before."""
+    h = known.hessian.sum(axis=0)
+    base = [known.keys.index(m) for m in MODULI]
+    index = [known.keys.index(k) for k in keys]
+    whole = h[np.ix_(index, index)]
+    across = h[np.ix_(base, index)]
+    left = whole - across.T @ np.linalg.solve(h[np.ix_(base, base)], across)
+    return left, np.sqrt(np.maximum(np.diag(whole), 1e-300))
+
+
+def norms_left(known: Universe, keys: Sequence[str]) -> dict[str, float]:
+    """Share of each signature's norm that the moduli cannot absorb."""
+    left, before = _projected(known, keys)
+    return dict(zip(keys, (np.sqrt(np.maximum(np.diag(left), 0.0)) / before).tolist(), strict=True))
+
+
+def _first_groups(known: Universe) -> dict[str, list[str]]:
+    """Effects with the keys of their smallest group that the universe holds."""
+    groups: dict[str, list[str]] = {}
+    for key in known.keys:
+        effect = effect_of(key)
+        name = key.partition("@")[0]
+        if effect and name in CATALOGUE[effect].groups()[0]:
+            groups.setdefault(effect, []).append(key)
+    return groups
+
+
+def cosine_matrix(known: Universe) -> tuple[list[str], Floats]:
+    """Effects, and the largest cosine between each two groups of signatures.
+
+    The cosine of the smallest angle between the two spaces (Björck and Golub, 1973).
+    """
+    groups = _first_groups(known)
+    names = list(groups)
+    keys = [k for group in groups.values() for k in group]
+    left, _ = _projected(known, keys)
+    roots, first = [], 0
+    for group in groups.values():
+        part = slice(first, first + len(group))
+        roots.append((part, _inverse_root(left[part, part])))
+        first += len(group)
+    out = np.eye(len(names))
+    for i, (pi, ri) in enumerate(roots):
+        for j, (pj, rj) in enumerate(roots[:i]):
+            found = np.linalg.svd(ri @ left[pi, pj] @ rj.T, compute_uv=False)
+            out[i, j] = out[j, i] = min(float(found.max(initial=0.0)), 1.0)
+    return names, out
+
+
+def _inverse_root(matrix: Floats) -> Floats:
+    """R with R M Rᵀ = 1 on the range of the matrix."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    kept = values > 1e-9
+    return (vectors[:, kept] / np.sqrt(values[kept])).T * scale
+
+
+def indistinguishable(known: Universe) -> list[Pair]:
+    """Pairs of effects that are alike, most alike first."""
+    names, cosine = cosine_matrix(known)
+    pairs = [
+        Pair((names[j], names[i]), float(cosine[i, j]))
+        for i in range(len(names))
+        for j in range(i)
+        if cosine[i, j] >= ALIKE
+    ]
+    return sorted(pairs, key=lambda p: -p.cosine)

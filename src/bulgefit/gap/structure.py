@@ -1,0 +1,123 @@
+"""Is there structure in a residual that noise does not make?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from bulgefit.gap.regress import Data, Regression
+
+__all__ = ["Cell", "Structure", "cells_of", "structure"]
+
+Floats = NDArray[np.float64]
+
+RINGS = ((0.0, 0.35, "apex"), (0.35, 0.75, "middle"), (0.75, 2.0, "rim"))
+SECTORS, BANDS = 8, 4
+#: What the corrected model may still miss by, in noise units: a mean is not judged below it.
+MODEL_FLOOR = 0.2
+#: Chance that noise alone looks like structure.
+LEVEL = 1e-3
+_NAMES = ("dx", "dy", "dz")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Mean residual over one component, region and pressure band.
+
+    Attributes
+    ----------
+    test, component, region : str
+    band : (float, float), bar
+    mean : float, mm
+        Measured minus modelled.
+    share : float
+        Of the whole sum of squared residuals.
+    significance : float
+        Mean over its standard error (correlated noise and the model's own floor).
+    """
+
+    test: str
+    component: str
+    region: str
+    band: tuple[float, float]
+    mean: float
+    share: float
+    significance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Result of the test for structure.
+
+    Attributes
+    ----------
+    significant : bool
+    statistic, threshold : float
+        Sum of squared significances, and what noise stays under.
+    cells : list of Cell
+        Largest significance first.
+    """
+
+    significant: bool
+    statistic: float
+    threshold: float
+    cells: list[Cell]
+
+
+def structure(data: Sequence[Data], fit: Regression) -> Structure:
+    """Test the regional means of the residual against correlated noise."""
+    cells: list[Cell] = []
+    for d, p in zip(data, fit.predictions, strict=True):
+        residual = (d.specimen.measured - p.displacement) / d.sigma
+        cells += cells_of(d, np.where(d.used, residual, np.nan))
+    z = np.array([c.significance for c in cells])
+    statistic = float((z**2).sum())
+    freedom = max(len(z) - len(fit.keys), 1)
+    threshold = float(chi2.ppf(1 - LEVEL, freedom))
+    cells.sort(key=lambda c: -abs(c.significance))
+    return Structure(statistic > threshold, statistic, threshold, cells)
+
+
+def cells_of(data: Data, residual: Floats) -> list[Cell]:
+    """Means of a residual in noise units (frames, points, 3; NaN unused) over all cells."""
+    specimen = data.specimen
+    x, y = specimen.reference[:, 0], specimen.reference[:, 1]
+    radius = np.hypot(x, y) / specimen.test.radius
+    sector = (np.round(np.arctan2(y, x) * SECTORS / (2 * np.pi)).astype(int)) % SECTORS
+    order = np.argsort(np.argsort(specimen.recorded))
+    band = order * BANDS // len(order)
+    whole = float(np.nansum(residual**2))
+    cells = []
+    for low, high, ring in RINGS:
+        in_ring = (radius >= low) & (radius < high)
+        sectors = [None] if ring == "apex" else list(range(SECTORS))
+        for s in sectors:
+            points = in_ring if s is None else in_ring & (sector == s)
+            for b in range(BANDS):
+                frames = band == b
+                if not frames.any() or not points.any():
+                    continue
+                part = residual[np.ix_(frames, points)]
+                bars = 10.0 * specimen.recorded[frames]
+                for c, name in enumerate(_NAMES):
+                    values = part[..., c][np.isfinite(part[..., c])]
+                    if len(values) < 5:
+                        continue
+                    mean = float(values.mean())
+                    error = np.sqrt(data.inflation / len(values) + MODEL_FLOOR**2)
+                    cells.append(
+                        Cell(
+                            specimen.test.name,
+                            name,
+                            ring if s is None else f"{ring} {360 * s // SECTORS}°",
+                            (float(bars.min()), float(bars.max())),
+                            mean * float(data.sigma[c]),
+                            float((values**2).sum() / whole) if whole else 0.0,
+                            float(mean / error),
+                        )
+                    )
+    return cells
