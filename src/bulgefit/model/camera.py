@@ -65,7 +65,7 @@ def seen(
         At the material points, averaged over the window.
     reference : (n, 3) array, mm
     pressure : (frames,) array, MPa
-        True.
+        As recorded; the fixture moves in proportion to it.
     """
     out = (1.0 + values.get("dic_scale.scale", 0.0)) * moved
     state = _state(reference, radius, values)

@@ -259,7 +259,7 @@ class Specimen:
         given = shapes.values
         averaged, plain = self._operators(given)
         moved = _apply(averaged.value, shapes.displacement)
-        place = (self.reference, shapes.pressure, self.test.radius, given)
+        place = (self.reference, self.recorded, self.test.radius, given)
         displacement = seen(moved, *place)
         if self.correction is not None:
             displacement = displacement + self.correction
@@ -268,7 +268,7 @@ class Specimen:
             row[:] = 0.0
             if name in shapes.derivative:
                 row += through(
-                    _apply(averaged.value, shapes.derivative[name]), shapes.pressure, given
+                    _apply(averaged.value, shapes.derivative[name]), self.recorded, given
                 )
             if name in CAMERA and name != "dic_smoothing.window":
                 row += camera_derivative(name, moved, *place)
@@ -277,9 +277,9 @@ class Specimen:
                 by_x = _apply(averaged.by_x, shapes.displacement)
                 by_y = _apply(averaged.by_y, shapes.displacement)
                 change = motion[:, :1] * by_x + motion[:, 1:] * by_y
-                row += through(change, shapes.pressure, given)
+                row += through(change, self.recorded, given)
             if name == "dic_smoothing.window":
-                row += through(self._window_derivative(shapes, plain), shapes.pressure, given)
+                row += through(self._window_derivative(shapes, plain), self.recorded, given)
         return Prediction(displacement, rows, shapes)
 
     def _unit_points(self, values: Mapping[str, float]) -> Floats:

@@ -1,0 +1,97 @@
+"""Signatures of effects after the moduli are projected out, against known values."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import Universe
+from bulgefit.gap.regress import Data, normal_equations
+from bulgefit.gap.separate import cosine_matrix, norms_left
+from bulgefit.model.specimen import Specimen
+
+VALUES = {"E1": 330.0, "E2": 200.0, "G12": 12.0}
+EFFECTS = [e for e in CATALOGUE.values() if e.id not in ("creep", "reference_state")]
+
+
+@pytest.fixture(scope="module")
+def known() -> Universe:
+    side = np.arange(-90.0, 91.0, 6.0)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    inside = np.hypot(x, y) < 95.0
+    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+    pressure = np.concatenate([[0.003], np.linspace(0.015, 0.27, 13)])
+    test = BulgeTest.from_arrays(points, np.zeros((14, len(points), 3)), pressure)
+    specimen = Specimen(test)
+    data = Data(specimen, np.array([0.006, 0.006, 0.013]), np.ones((14, len(points), 3), bool))
+    names = [n for e in EFFECTS for n in e.groups()[0]]
+    prediction = specimen.predict(VALUES, [*MODULI, *names])
+    h, g, square, _ = normal_equations([data], [prediction], (*MODULI, *names))
+    return Universe((*MODULI, *names), h, g, square)
+
+
+@pytest.mark.parametrize(
+    ("key", "expected"),
+    [
+        ("poisson_ratio.nu12", 0.015),
+        ("pressure_gain.gain", 0.000),
+        ("initial_shape.h0", 0.38),
+        ("clamp_slip.compliance", 0.52),
+        ("clamp_shape.radius_error", 0.56),
+        ("pressure_offset.offset", 0.93),
+        ("axis_misalignment.angle", 1.00),
+    ],
+)
+def test_norm_left_after_the_moduli(known: Universe, key: str, expected: float) -> None:
+    assert norms_left(known, [key])[key] == pytest.approx(expected, abs=0.03)
+
+
+def test_equal_slack_leaves_a_known_norm(known: Universe) -> None:
+    both = _norm_of_sum(known, ("prestrain.slack_x", "prestrain.slack_y"))
+    assert both == pytest.approx(0.68, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ("clamp_shape", "dic_scale", 1.000),
+        ("prestrain", "pressure_offset", 0.96),
+        ("prestrain", "initial_shape", 0.90),
+        ("nonlinear_material", "initial_shape", 0.79),
+    ],
+)
+def test_largest_cosine(known: Universe, first: str, second: str, expected: float) -> None:
+    names, cosine = cosine_matrix(known)
+    found = cosine[names.index(first), names.index(second)]
+    assert found == pytest.approx(expected, abs=0.03)
+
+
+def test_stiffness_gradient_looks_like_a_rotation(known: Universe) -> None:
+    """Gradient along x against rotation about y, each taken alone."""
+    pair = [
+        _cosine(known, f"stiffness_gradient.{g}", f"rigid_motion.rotation_{a}")
+        for g in ("g_x", "g_y")
+        for a in "xyz"
+    ]
+    assert max(pair) == pytest.approx(0.80, abs=0.03)
+
+
+def _left(known: Universe, keys: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    h = known.hessian.sum(axis=0)
+    base = [known.keys.index(m) for m in MODULI]
+    index = [known.keys.index(k) for k in keys]
+    whole = h[np.ix_(index, index)]
+    across = h[np.ix_(base, index)]
+    return whole - across.T @ np.linalg.solve(h[np.ix_(base, base)], across), whole
+
+
+def _norm_of_sum(known: Universe, keys: tuple[str, ...]) -> float:
+    left, whole = _left(known, keys)
+    return float(np.sqrt(left.sum() / whole.sum()))
+
+
+def _cosine(known: Universe, first: str, second: str) -> float:
+    left, _ = _left(known, (first, second))
+    return float(abs(left[0, 1]) / np.sqrt(left[0, 0] * left[1, 1]))
