@@ -11,6 +11,7 @@ from bulgefit.inverse.objective import Objective, TestParts
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Setup
+from bulgefit.threads import one_blas_thread
 
 __all__ = ["cross_table", "evaluate", "evaluate_resting"]
 
@@ -33,7 +34,8 @@ def evaluate(
         The membrane finds no equilibrium.
     """
     objective = _objective(tests, weight, average, setup)
-    parts = objective.parts(objective.virtual.fields(material))
+    with one_blas_thread():
+        parts = objective.parts(objective.virtual.fields(material))
     return {"parameters": dict(material.values), **_payload(objective, parts)}
 
 
@@ -65,10 +67,11 @@ def cross_table(
         Usually the optimum of each objective.
     """
     objective = _objective(tests, weight, average, setup)
-    table = {
-        name: objective.combined(objective.parts(objective.virtual.fields(material)))
-        for name, material in optima.items()
-    }
+    with one_blas_thread():
+        table = {
+            name: objective.combined(objective.parts(objective.virtual.fields(material)))
+            for name, material in optima.items()
+        }
     return table | {"undeformed": objective.combined(objective.parts(objective.resting()))}
 
 

@@ -17,6 +17,7 @@ from bulgefit.inverse.problem import Problem
 from bulgefit.inverse.result import FitResult, Stability, describe_tests
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Setup
+from bulgefit.threads import one_blas_thread
 
 __all__ = ["fit"]
 
@@ -92,16 +93,18 @@ def fit(
         raise BulgefitError(f"no start found an equilibrium: {descents[0].reason}")
     best = descents[int(np.nanargmin(values))]
     found = problem.material(problem.coordinates(best.best.values))
-    fields = target.virtual.fields(found)
+    with one_blas_thread():
+        tests_parts = target.parts(target.virtual.fields(found))
+        stable = stability(target, found)
     return FitResult(
         material=found,
         free=problem.free,
         objective=objective,
         value=best.best.value,
         weights=target.weights.tolist(),
-        tests=target.parts(fields),
+        tests=tests_parts,
         descents=descents,
-        stability=stability(target, found),
+        stability=stable,
         settings={
             "law": target.virtual.setup.law,
             "evaluation": target.virtual.setup.evaluation,

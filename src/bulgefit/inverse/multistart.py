@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
-from threadpoolctl import threadpool_limits
 
 from bulgefit.errors import InputError
 from bulgefit.inverse.minimise import GAUSS_NEWTON, Descent, Limits, descend
 from bulgefit.inverse.problem import Problem
+from bulgefit.threads import one_blas_thread
 
 __all__ = ["multistart", "starting_points"]
 
@@ -56,7 +56,7 @@ def multistart(
     task = partial(_descend_alone, problem, method=method, limits=limits)
     own = ThreadPoolExecutor(max_workers=workers) if executor is None else nullcontext(executor)
     # the limit is a process's, so it is set around the pool as well as in each task
-    with threadpool_limits(1, user_api="blas"), own as pool:
+    with one_blas_thread(), own as pool:
         return list(pool.map(task, points))
 
 
@@ -64,5 +64,5 @@ def _descend_alone(
     problem: Problem, start: Floats, *, method: str, limits: Limits | None
 ) -> Descent:
     """One descent on one BLAS thread, so that rounding does not depend on the machine."""
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         return descend(problem, start, method, limits)
