@@ -1,4 +1,4 @@
-"""The errors bulgefit raises on purpose; the command line turns them into one line and exit status 2."""
+"""The errors bulgefit raises on purpose; the command line prints one line and exits with 2."""
 
 from __future__ import annotations
 
