@@ -1,0 +1,152 @@
+"""Which effects are alike, and what does each take off the gap?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bulgefit.errors import BulgefitError
+from bulgefit.gap.diagnosis import Diagnosis
+from bulgefit.gap.measure import fitted_gap, held_out_gap, weight_of
+from bulgefit.gap.separate import ALIKE, cosine_matrix
+from bulgefit.report import _figure
+from bulgefit.report._diagnosis_parts import data_of, steps_of
+
+__all__ = ["budget", "mesh_error", "plot_budget", "plot_cosines"]
+
+_BLUE, _ORANGE, _GREEN, _VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+
+
+def plot_cosines(diagnosis: Diagnosis, path: Path, *, force: bool) -> bool:
+    """The largest cosine between the signatures of each two effects; False for fewer than two."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    names, cosine = cosine_matrix(diagnosis.known)
+    count = len(names)
+    if count < 2:
+        return False
+    side = 0.55 * max(count, 6) + 2.6
+    figure = Figure(figsize=(side + 0.8, side), layout="constrained")
+    panel = figure.subplots()
+    drawn = panel.imshow(cosine, cmap="cividis", vmin=0.0, vmax=1.0)
+    for i in range(count):
+        for j in range(count):
+            panel.text(
+                j, i, f"{cosine[i, j]:.2f}", ha="center", va="center",
+                fontsize=_figure.FONT - 2, color="black" if cosine[i, j] > 0.55 else "white",
+            )  # fmt: skip
+            if i != j and cosine[i, j] >= ALIKE:
+                corner = (j - 0.46, i - 0.46)
+                panel.add_patch(
+                    Rectangle(corner, 0.92, 0.92, fill=False, edgecolor=_VERMILION, linewidth=2.0)
+                )
+    panel.set_xticks(range(count), names, rotation=45, ha="right", rotation_mode="anchor")
+    panel.set_yticks(range(count), names)
+    panel.tick_params(labelsize=_figure.FONT - 1, length=0)
+    for labels in (panel.get_xticklabels(), panel.get_yticklabels()):
+        for label in labels:
+            if label.get_text() in diagnosis.explanation.groups:
+                label.set_fontweight("bold")
+    colour_bar = figure.colorbar(drawn, ax=panel, shrink=0.7, pad=0.02)
+    colour_bar.set_label("cosine, moduli projected out", fontsize=_figure.FONT)
+    panel.set_title(
+        f"How alike are the effects in this data?\nFramed: {ALIKE:g} and more; bold: in the model",
+        fontsize=_figure.FONT + 1,
+    )
+    _figure.save(figure, path, force)
+    return True
+
+
+def budget(diagnosis: Diagnosis) -> dict[str, list[tuple[str, float]]]:
+    """e_w (mm) with the moduli alone and after each effect: "fitted" and "held-out"."""
+    data = data_of(diagnosis)
+    weight, gaps = weight_of(data), diagnosis.gaps
+    steps = steps_of(diagnosis)
+    out = {
+        "fitted": [("moduli alone", gaps["baseline"]["e_w"])],
+        "held-out": [("moduli alone", gaps["heldout_baseline"]["e_w"])],
+    }
+    for step in steps[:-1]:
+        try:
+            found = (
+                fitted_gap(data, step.after, weight)["e_w"],
+                held_out_gap(data, step.after, weight)["e_w"],
+            )
+        except BulgefitError:  # counts with its successor
+            continue
+        for rows, value in zip(out.values(), found, strict=True):
+            rows.append((step.effect, value))
+    if steps:
+        out["fitted"].append((steps[-1].effect, gaps["explained"]["e_w"]))
+        out["held-out"].append((steps[-1].effect, gaps["heldout_explained"]["e_w"]))
+    return out
+
+
+def mesh_error(diagnosis: Diagnosis) -> float | None:
+    """Mean error of the mesh that was taken off, as e_w in mm; None where it is not known."""
+    data = data_of(diagnosis)
+    known = [d.specimen.correction for d in data if d.specimen.correction is not None]
+    if not known:
+        return None
+    means = np.mean([np.abs(c).mean(axis=(0, 1)) for c in known], axis=0)
+    return float(means @ (1.0, 1.0, weight_of(data)))
+
+
+def plot_budget(
+    diagnosis: Diagnosis, rows: dict[str, list[tuple[str, float]]], path: Path, *, force: bool
+) -> None:
+    """The budget as a waterfall: from the moduli alone over each effect down to the noise."""
+    from matplotlib.figure import Figure
+
+    floor, mesh = diagnosis.gaps["noise_floor"]["e_w"], mesh_error(diagnosis)
+    count = len(rows["fitted"]) + 3 + (mesh is not None)
+    figure = Figure(figsize=(13, 0.5 * count + 1.7), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True, sharex=True)
+    for panel, (title, found) in zip(panels, rows.items(), strict=True):
+        _draw_budget(panel, found, floor, mesh)
+        panel.set_title(f"{title} data", fontsize=_figure.FONT + 1)
+    figure.suptitle(
+        f"{', '.join(t.name for t in diagnosis.tests)}: budget of the gap",
+        fontsize=_figure.FONT + 2,
+    )
+    _figure.save(figure, path, force)
+
+
+def _draw_budget(
+    panel: Any, found: list[tuple[str, float]], floor: float, mesh: float | None
+) -> None:
+    (first, start), *effects = found
+    left = effects[-1][1] if effects else start
+    bars = [(first, 0.0, start, _BLUE, f"{start:.4f}")]
+    at = start
+    for name, value in effects:
+        low, high = sorted((value, at))
+        colour = _GREEN if value <= at else _VERMILION
+        bars.append((name, low, high, colour, f"{value - at:+.4f}"))
+        at = value
+    bars.append(("remaining", 0.0, left, _BLUE, f"{left:.4f}"))
+    bars.append(("of which noise", 0.0, min(floor, left), "0.6", f"floor {floor:.4f}"))
+    beyond = max(left - floor, 0.0)
+    bars.append(("unexplained", min(floor, left), left, _ORANGE, f"{beyond:.4f}"))
+    if mesh is not None:
+        bars.append(("mesh error, taken off", 0.0, mesh, "0.8", f"{mesh:.4f}"))
+    reach = max(high for _, _, high, _, _ in bars)
+    for row, (_, low, high, colour, text) in enumerate(bars):
+        panel.barh(row, high - low, left=low, color=colour, height=0.62)
+        panel.text(
+            high + 0.012 * reach, row, text, va="center", fontsize=_figure.FONT,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        )  # fmt: skip
+    for row, level in enumerate([start, *(value for _, value in effects)]):
+        panel.plot([level, level], [row + 0.31, row + 0.69], color="0.5", linewidth=0.8)
+    panel.axvline(floor, color="0.4", linewidth=1.0, linestyle=":")
+    panel.set_yticks(range(len(bars)), [name for name, *_ in bars])
+    if not panel.yaxis_inverted():
+        panel.invert_yaxis()
+    panel.set_xlim(0.0, 1.2 * reach)
+    panel.set_xlabel("e_w (mm); dotted: noise floor", fontsize=_figure.FONT)
+    panel.tick_params(labelsize=_figure.FONT)
+    panel.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,385 @@
+"""What does a diagnosis say, in plain words? For the terminal, and as blocks of a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from bulgefit.gap.diagnosis import Cause, Diagnosis
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.locate import azimuthal_modes
+from bulgefit.gap.structure import Cell
+from bulgefit.report._diagnosis_maps import SIGNIFICANT
+from bulgefit.report._diagnosis_parts import data_of
+
+__all__ = ["Block", "page", "table", "value_text"]
+
+#: What a laboratory can do about an effect, beside freeing it in the model.
+_ACTIONS = {
+    "initial_shape": "scan the mounted fabric before inflation, or mount it flatter",
+    "clamp_shape": "measure the clamp's opening along warp and fill",
+    "prestrain": "weigh down or measure the tension at mounting, the same for every specimen",
+    "clamp_slip": "tighten the clamp, or mark the fabric at the rim and look for motion",
+    "axis_misalignment": "draw the warp direction on the specimen and mount it by that line",
+    "poisson_ratio": "take nu12 from a biaxial test",
+    "nonlinear_material": "check with a biaxial test over the same strains",
+    "stiffness_gradient": "measure thickness or coating weight across the specimen",
+    "creep": "hold the highest pressure for some minutes and film it",
+    "pressure_offset": "zero the pressure gauge with the chamber open before each test",
+    "pressure_gain": "calibrate the pressure gauge",
+    "rigid_motion": "check the camera mount; take the reference image just before inflation",
+    "fixture_motion": "brace the fixture, or film marks on the clamp to take its motion off",
+    "reference_state": "take the reference image with the fabric flat and without pressure",
+    "registration": "film marks on the clamp and put the origin at their centre",
+    "dic_scale": "repeat the calibration of the cameras",
+    "dic_smoothing": "evaluate the images with a smaller subset or strain filter",
+}
+
+_MOST_PARAMETERS, _MOST_CELLS, _MOST_MODES = 9, 6, 5
+#: Separation (standard errors) from which two explanations need no further measurement.
+_APART = 10.0
+
+_GAP_COLUMNS = ("dx", "dy", "dz", "e", "e_w", "chi")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A piece of a page.
+
+    Attributes
+    ----------
+    kind : {"title", "heading", "text", "list", "table"}
+    lines : tuple of str
+        The text, the items, or nothing.
+    rows : tuple of tuples of str
+        Of a table, its header first.
+    """
+
+    kind: str
+    lines: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
+def value_text(value: float, stderr: float) -> str:
+    """A value with its standard error, to the two digits that the error carries."""
+    if not (math.isfinite(stderr) and stderr > 0.0):
+        return f"{value:.4g}"
+    if stderr < 1e-6 or abs(value) >= 1e6:
+        return f"{value:.4g} ± {stderr:.2g}"
+    places = max(0, 1 - math.floor(math.log10(stderr)))
+    return f"{value:.{places}f} ± {stderr:.{places}f}"
+
+
+def table(diagnosis: Diagnosis) -> str:
+    """The diagnosis to read on a terminal."""
+    lines = [f"verdict: {diagnosis.verdict}", *_wrapped(_verdict(diagnosis))]
+    for cause in diagnosis.causes:
+        others = "".join(f" or {a}" for a in cause.alternatives)
+        lines += ["", f"{cause.effect}{others}: {CATALOGUE[cause.effect].meaning}"]
+        rows = list(_parameters(diagnosis, cause))
+        width = max(len(name) for name, _ in rows)
+        lines += [f"  {name:<{width}}  {text}" for name, text in rows]
+        lines += _wrapped(_evidence(cause))
+    lines += ["", f"{'gap (mm; chi in noise)':<26}" + "".join(f"{c:>9}" for c in _GAP_COLUMNS)]
+    lines += [
+        f"{label:<26}" + "".join(f"{gap[c]:>9.4f}" for c in _GAP_COLUMNS)
+        for label, gap in _gaps(diagnosis)
+    ]
+    lines += ["", f"{'moduli (MPa)':<26}{'moduli alone':<24}with causes"]
+    lines += [f"{m:<26}{alone:<24}{final}" for m, alone, final in _moduli(diagnosis)]
+    parts = {
+        "left": _remainder(diagnosis)[:3],
+        "next": _advice(diagnosis)[:3],
+        "note": _notes(diagnosis),
+    }
+    for title, items in parts.items():
+        lines.append("")
+        for item in items:
+            lines += _wrapped(item, f"{title}: ")
+    return "\n".join(lines)
+
+
+def page(diagnosis: Diagnosis) -> list[Block]:
+    """The summary of one page."""
+    names = ", ".join(t.name for t in diagnosis.tests)
+    blocks = [
+        Block("title", (f"What separates the model from {names}",)),
+        Block("text", (f"**Verdict: {diagnosis.verdict}.** {_verdict(diagnosis)}",)),
+    ]
+    if diagnosis.causes:
+        blocks.append(Block("heading", ("Causes",)))
+        rows = [("cause", "parameter", "value ± standard error")]
+        for cause in diagnosis.causes:
+            others = "".join(f" or {a}" for a in cause.alternatives)
+            label = f"{cause.effect}{others}"
+            for name, text in _parameters(diagnosis, cause):
+                rows.append((label, name, text))
+                label = ""
+        blocks.append(Block("table", rows=tuple(rows)))
+        blocks.append(
+            Block(
+                "list",
+                tuple(
+                    f"**{c.effect}**: {CATALOGUE[c.effect].meaning}. {_evidence(c)}"
+                    for c in diagnosis.causes
+                ),
+            )
+        )
+    blocks += [
+        Block("heading", ("What it did to the moduli",)),
+        Block(
+            "table",
+            rows=(("modulus (MPa)", "moduli alone", "with causes"), *_moduli(diagnosis)),
+        ),
+        Block("heading", ("How far the gap shrank",)),
+        Block("text", (_shrinkage(diagnosis),)),
+        Block(
+            "table",
+            rows=(
+                ("mean absolute deviation (mm)", *_GAP_COLUMNS[:-1], "in noise units"),
+                *(
+                    (label, *(f"{gap[c]:.4f}" for c in _GAP_COLUMNS[:-1]), f"{gap['chi']:.2f}")
+                    for label, gap in _gaps(diagnosis)
+                ),
+            ),
+        ),
+        Block("heading", ("What stays unexplained",)),
+        Block("list", tuple(_remainder(diagnosis))),
+        Block("heading", ("What to do next",)),
+        Block("list", (*_actions(diagnosis), *_advice(diagnosis))),
+        Block("heading", ("Good to know",)),
+        Block("list", tuple(_notes(diagnosis))),
+    ]
+    return blocks
+
+
+def _wrapped(text: str, start: str = "  ") -> list[str]:
+    from textwrap import wrap
+
+    return wrap(
+        text, 98, initial_indent=start, subsequent_indent=" " * len(start), break_on_hyphens=False
+    )
+
+
+def _listed(items: Sequence[str], last: str = "and") -> str:
+    return f" {last} ".join(filter(None, (", ".join(items[:-1]), items[-1]))) if items else ""
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    causes = diagnosis.causes
+    named = _listed([f"{_or(c)} ({CATALOGUE[c.effect].meaning})" for c in causes])
+    if diagnosis.verdict == "none":
+        return "The model with its moduli alone is good to the noise; nothing need be added."
+    if diagnosis.verdict == "named":
+        return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
+    if diagnosis.verdict == "ambiguous":
+        return (
+            f"The gap is explained down to the noise by {named}; where two are given, this data "
+            "cannot tell which."
+        )
+    start = "Significant structure is left that no effect tried explains"
+    return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
+
+
+def _helps(causes: Sequence[Cause]) -> str:
+    return "helps" if len(causes) == 1 else "help"
+
+
+def _or(cause: Cause) -> str:
+    return _listed([cause.effect, *cause.alternatives], "or")
+
+
+def _parameters(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
+    """Names and values of a cause."""
+    for number, (name, found) in enumerate(cause.parameters.items()):
+        if number == _MOST_PARAMETERS:
+            yield f"{len(cause.parameters) - number} more", "see --json"
+            return
+        plain, _, owner = name.partition("@")
+        label = f"{plain} of {diagnosis.tests[int(owner)].name}" if owner else plain
+        unit = "" if found["unit"] == "1" else f" {found['unit']}"
+        yield label, value_text(found["value"], found["stderr"]) + unit
+
+
+def _evidence(cause: Cause) -> str:
+    parts = [
+        f"On data that was not fitted it takes off {_percent(cause.heldout_reduction)} of the "
+        f"squared misfit that it found, {_percent(cause.share_of_gap)} of the whole."
+    ]
+    biased = [
+        f"{m} comes out {_percent(abs(b))} too {'high' if b > 0 else 'low'}"
+        for m, b in cause.bias_if_omitted.items()
+        if abs(b) >= 0.005
+    ]
+    if biased:
+        parts.append(f"Without it {_listed(biased)} (to first order).")
+    else:
+        parts.append("Without it the moduli change by less than 0.5 %.")
+    if cause.alternatives:
+        parts.append(
+            f"This data cannot tell it from {_listed(cause.alternatives, 'or')}; it is given "
+            "because it has the fewest parameters."
+        )
+    if cause.at_bound:
+        parts.append("A parameter sits at the edge of what is plausible: do not take it as it is.")
+    if cause.partial:
+        parts.append("It is a part of the answer only.")
+    return " ".join(parts)
+
+
+def _percent(share: float) -> str:
+    share *= 100.0
+    if share > 99.9 and share < 100.0:
+        return f"{min(share, 99.99):.2f} %"
+    return f"{share:.3g} %"
+
+
+def _gaps(diagnosis: Diagnosis) -> list[tuple[str, dict[str, float]]]:
+    gaps = diagnosis.gaps
+    rows = [("fitted, moduli alone", gaps["baseline"])]
+    if diagnosis.explanation.groups:
+        rows.append(("fitted, with causes", gaps["explained"]))
+    rows.append(("held out, moduli alone", gaps["heldout_baseline"]))
+    if diagnosis.explanation.groups:
+        rows.append(("held out, with causes", gaps["heldout_explained"]))
+    return [*rows, ("noise alone", gaps["noise_floor"])]
+
+
+def _moduli(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    found = diagnosis.explanation
+    alone, final = found.baseline.standard_errors(), found.final.standard_errors()
+    return [
+        (
+            m,
+            value_text(found.baseline.values[m], alone[m]),
+            value_text(found.final.values[m], final[m]),
+        )
+        for m in MODULI
+    ]
+
+
+def _shrinkage(diagnosis: Diagnosis) -> str:
+    before, after = (diagnosis.gaps[f"heldout_{k}"]["e_w"] for k in ("baseline", "explained"))
+    floor = diagnosis.gaps["noise_floor"]["e_w"]
+    if not diagnosis.explanation.groups:
+        return f"Nothing was added: e_w is {before:.3g} mm, of which noise makes {floor:.3g} mm."
+    return (
+        f"On data that was not fitted e_w falls from {before:.3g} to {after:.3g} mm "
+        f"({_percent(1 - after / before)} less); noise alone makes {floor:.3g} mm."
+    )
+
+
+def _remainder(diagnosis: Diagnosis) -> list[str]:
+    rest = diagnosis.explanation.remainder
+    if not rest.significant:
+        return ["Nothing that noise could not have made."]
+    several = len(diagnosis.tests) > 1
+    strong = [c for c in rest.cells if abs(c.significance) > SIGNIFICANT]
+    items = [
+        f"{_cell(c, several)}: measured - modelled is {c.mean:+.3g} mm on average "
+        f"({abs(c.significance):.0f} standard errors)."
+        for c in strong[:_MOST_CELLS]
+    ]
+    if len(strong) > _MOST_CELLS:
+        items.append(f"and {len(strong) - _MOST_CELLS} more of {len(rest.cells)} cells.")
+    modes = [
+        m
+        for m in azimuthal_modes(data_of(diagnosis), diagnosis.explanation.final)
+        if m.growth != "within noise"
+    ]
+    modes.sort(key=lambda m: -float(abs(m.amplitude).max()) / m.noise)
+    items += [
+        f"It looks like {m.component} m = {m.order}, up to {abs(m.amplitude).max():.3g} mm, "
+        f"{_growth(m.growth)}{f' ({m.test})' if several else ''}."
+        for m in modes[:_MOST_MODES]
+    ]
+    return items
+
+
+def _growth(growth: str) -> str:
+    return {
+        "constant": "constant in pressure",
+        "p^(1/3)": "growing like the bulge itself, as p^(1/3)",
+        "growing": "growing in proportion to pressure",
+    }[growth]
+
+
+def _cell(cell: Cell, several: bool) -> str:
+    low, high = cell.band
+    test = f"{cell.test}, " if several else ""
+    return f"{test}{cell.component} at the {cell.region}, {low:.3g} to {high:.3g} bar"
+
+
+def _actions(diagnosis: Diagnosis) -> list[str]:
+    effects = dict.fromkeys(e for c in diagnosis.causes for e in (c.effect, *c.alternatives))
+    items = [f"{e}: {_ACTIONS[e]}." for e in effects if e in _ACTIONS]
+    if any(p.noise.source != "static images" for p in diagnosis.prepared):
+        items.append(
+            "Film some ten images at rest before inflation: the noise had to be judged from the "
+            "field itself."
+        )
+    if "creep" in diagnosis.skipped:
+        items.append("Record the time of every frame: without it creep cannot be tried.")
+    return items
+
+
+def _advice(diagnosis: Diagnosis) -> list[str]:
+    if not diagnosis.advice:
+        return ["No two explanations compete; no further measurement is needed to split them."]
+    now, *others = diagnosis.advice
+    useful = [a for a in others if a.separation > 1.05 * now.separation]
+    if not any(c.alternatives for c in diagnosis.causes) and now.separation >= _APART:
+        return [
+            "The two leading explanations lie "
+            f"{now.separation:.0f} standard errors apart with this data: no further measurement "
+            "is needed to split them."
+        ]
+    if not useful:
+        return ["No further measurement that was tried would split the leading explanations."]
+    return [
+        f"To split the leading explanations: {a.measurement}; it would set them "
+        f"{a.separation:.3g} standard errors apart (now {now.separation:.3g})."
+        for a in useful[:3]
+    ]
+
+
+def _notes(diagnosis: Diagnosis) -> list[str]:
+    items = list(diagnosis.warnings)
+    items += [f"{effect} was not tried: {why}." for effect, why in diagnosis.skipped.items()]
+    for p in diagnosis.prepared:
+        noise, name = p.noise, p.data.specimen.test.name
+        sizes = ", ".join(f"{1000 * s:.1f}" for s in noise.sigma)
+        items.append(
+            f"{name}: noise of dx, dy, dz is {sizes} µm (from {noise.source}), correlated over "
+            f"{noise.correlation_length:.1f} mm: {noise.inflation:.3g} points count as one."
+        )
+        limit = noise.sigma / 3.0
+        if p.data.specimen.correction is not None:
+            sizes = ", ".join(f"{1000 * s:.1f}" for s in p.discretisation)
+            items.append(
+                f"{name}: the mesh's error, {sizes} µm, was taken off by Richardson's "
+                f"extrapolation{'' if (p.discretisation > limit).any() else '; it was small'}."
+            )
+    if any("stiffness" in pair.effects for pair in diagnosis.pairs):
+        items.append(
+            "pressure_gain and stiffness can never be told apart by a bulge test: a gauge that "
+            "reads 1 % too high makes every modulus 1 % too high."
+        )
+    return [*items, *_alike(diagnosis)]
+
+
+def _alike(diagnosis: Diagnosis) -> Iterator[str]:
+    """What looks like a cause without being in its set."""
+    for cause in diagnosis.causes:
+        others = {
+            (pair.effects[1] if pair.effects[0] == cause.effect else pair.effects[0]): pair.cosine
+            for pair in diagnosis.pairs
+            if cause.effect in pair.effects
+        }
+        near = [f"{e} ({c:.2f})" for e, c in others.items() if e not in cause.alternatives]
+        if near:
+            yield (
+                f"{cause.effect} looks much like {_listed(near)} in this data (cosine in "
+                "brackets); held-out data prefers it still."
+            )

@@ -1,0 +1,213 @@
+"""Is a diagnosis drawn and told, whole, for every verdict?"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from bulgefit.dic import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.gap.diagnosis import diagnose
+from bulgefit.model.specimen import Specimen
+from bulgefit.report import _diagnosis_words as words
+from bulgefit.report._diagnosis_charts import budget
+from bulgefit.report._diagnosis_parts import file_stems, steps_of
+from bulgefit.report.diagnosis import check_report, report_text, write_report
+
+TRUTH = {
+    "E1": 330.0,
+    "E2": 230.0,
+    "G12": 40.0,
+    "rigid_motion.rotation_x": 0.2,
+    "rigid_motion.shift_x": 0.15,
+}
+NOISE = (0.006, 0.006, 0.013)
+EFFECTS = ["rigid_motion", "stiffness_gradient"]
+
+
+def made(name, seed, truth=TRUTH):
+    """A test of some 340 points and six frames, with two effects or none."""
+    axis = np.arange(-90, 91, 9.0)
+    x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
+    inside = np.hypot(x, y) < 95
+    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+    pressure = np.array([0.01, 0.05, 0.1, 0.15, 0.2, 0.25])
+    blank = BulgeTest.from_arrays(
+        points, np.zeros((6, len(points), 3)), pressure, radius=100.0, name=name
+    )
+    rng = np.random.default_rng(seed)
+    seen = Specimen(blank, refine=6).predict(truth).displacement
+    seen = seen + rng.normal(0.0, NOISE, seen.shape)
+    seen[2:, 10:13] = np.nan
+    return BulgeTest.from_arrays(points, seen, pressure, radius=100.0, name=name)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return diagnose(made("plate 1/a", 1), effects=EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two tests of one name, one with nothing to explain it."""
+    shifted = {**TRUTH, "prestrain.slack_x": 0.002}
+    return diagnose([made("same", 2), made("same", 3, shifted)], effects=["rigid_motion"])
+
+
+def not_blank(path):
+    image = imread(path)[..., :3]
+    assert min(image.shape[:2]) > 300
+    assert image.std() > 0.03
+
+
+def text_of(blocks):
+    return "\n".join(" ".join(b.lines) + " ".join(map(" ".join, b.rows)) for b in blocks)
+
+
+def test_report_of_a_named_cause(found, tmp_path):
+    assert found.verdict == "named"
+    folder = tmp_path / "new" / "report"
+    files = write_report(found, folder)
+    assert {p.name for p in files} == {
+        "summary.html",
+        "summary.md",
+        "budget.png",
+        "cosines.png",
+        *(
+            f"plate_1_a_{kind}.png"
+            for kind in (
+                "field_dx", "field_dy", "field_dz", "where_before", "where_after", "modes",
+                "signatures",
+            )
+        ),
+    }  # fmt: skip
+    assert sorted(folder.iterdir()) == sorted(files)
+    for path in files:
+        if path.suffix == ".png":
+            not_blank(path)
+    summary = (folder / "summary.md").read_text(encoding="utf-8")
+    for word in ("Verdict: named", "rigid_motion", "rotation_x", "degree", "E1", "noise", "next"):
+        assert word in summary
+    linked = re.findall(r"\]\((.*?)\)", summary)
+    assert set(linked) == {p.name for p in files if p.suffix == ".png"}
+    html = (folder / "summary.html").read_text(encoding="utf-8")
+    assert html.count("data:image/png;base64,") == len(linked)
+    assert html.count("<tr>") > 10
+    assert "**" not in html
+
+
+def test_files_are_refused_then_replaced(found, tmp_path):
+    (tmp_path / "budget.png").write_text("mine")
+    with pytest.raises(InputError, match=r"budget.png: exists; use --force"):
+        write_report(found, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["budget.png"]
+    (tmp_path / "other.png").write_text("not ours")
+    nothing = replace_groups(found)
+    write_report(found, tmp_path, force=True)
+    assert (tmp_path / "plate_1_a_where_after.png").exists()
+    files = write_report(nothing, tmp_path, force=True)
+    assert sorted(tmp_path.iterdir()) == sorted([*files, tmp_path / "other.png"])
+    assert not (tmp_path / "plate_1_a_where_after.png").exists()
+
+
+def replace_groups(found, **changes):
+    """The same search, had held-out data not paid for anything."""
+    e = found.explanation
+    rounds = [replace(e.rounds[0], taken=None)]
+    kept = replace(
+        e, final=e.baseline, groups={}, rounds=rounds, remainder=changes.pop("rest", e.start)
+    )
+    gaps = {
+        **found.gaps,
+        "explained": found.gaps["baseline"],
+        "heldout_explained": found.gaps["heldout_baseline"],
+    }
+    return replace(found, verdict="unknown", causes=[], explanation=kept, gaps=gaps, **changes)
+
+
+def test_the_same_diagnosis_gives_the_same_files(found, tmp_path):
+    for name in "ab":
+        write_report(found, tmp_path / name)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+@pytest.mark.parametrize("target", ["file", "file/sub"])
+def test_a_folder_that_cannot_be(target, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="is a file; name a folder"):
+        check_report(["a"], tmp_path / target)
+
+
+def test_several_tests_of_one_name(pair, tmp_path):
+    files = {p.name for p in write_report(pair, tmp_path)}
+    assert {"same_1_modes.png", "same_2_modes.png"} <= files
+    assert "cosines.png" not in files  # one effect has none to be like
+    assert "rotation_x of same" in report_text(pair)
+
+
+def test_budget_goes_from_the_moduli_to_what_is_left(found):
+    rows = budget(found)
+    assert list(rows) == ["fitted", "held-out"]
+    for kind, start, end in (
+        ("fitted", "baseline", "explained"),
+        ("held-out", "heldout_baseline", "heldout_explained"),
+    ):
+        names, values = zip(*rows[kind], strict=True)
+        assert names[0] == "moduli alone"
+        assert list(names[1:]) == list(found.explanation.groups)
+        assert values[0] == found.gaps[start]["e_w"]
+        assert values[-1] == found.gaps[end]["e_w"]
+
+
+def test_a_signature_is_what_the_residual_loses(found):
+    (step,) = steps_of(found)
+    assert step.before is found.explanation.baseline
+    assert step.after is found.explanation.final
+
+
+def test_words_of_every_verdict(found):
+    assert "explains the gap down to the noise" in text_of(words.page(found))
+    unknown = replace_groups(found)
+    text = text_of(words.page(unknown))
+    assert "no effect tried explains" in text
+    assert "standard errors" in text
+    assert "It looks like" in text
+    silent = replace_groups(found, rest=found.explanation.remainder)
+    silent.verdict = "none"
+    assert "good to the noise" in text_of(words.page(silent))
+    (cause,) = found.causes
+    split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
+    ambiguous = replace(found, verdict="ambiguous", causes=[split])
+    for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):
+        assert "rigid_motion or fixture_motion" in text
+        assert "edge of what is plausible" in " ".join(text.split())
+
+
+def test_hints_are_of_effects_that_exist():
+    from bulgefit.gap.effects import CATALOGUE
+
+    assert set(words._ACTIONS) <= set(CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("value", "stderr", "text"),
+    [
+        (1.23456, 0.0123, "1.235 ± 0.012"),
+        (331.27, 1.4, "331.3 ± 1.4"),
+        (331.27, 25.0, "331 ± 25"),
+        (5.0, 0.0, "5"),
+        (5.0, np.nan, "5"),
+        (2.5e-7, 3e-8, "2.5e-07 ± 3e-08"),
+    ],
+)
+def test_values_carry_the_digits_of_their_error(value, stderr, text):
+    assert words.value_text(value, stderr) == text
+
+
+def test_names_of_files():
+    assert file_stems(["a/b", "..", "x", "x"]) == ["a_b", "test", "x_3", "x_4"]
