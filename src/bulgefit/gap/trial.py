@@ -1,0 +1,269 @@
+"""The blind trial: made tests whose truth is sealed, diagnosed elsewhere, opened, and scored.
+
+Making and diagnosing run in other processes than the one that scores, started afresh, so nothing
+but a file's path (and what is struck from the catalogue) reaches a diagnosis. The SHA-256 of each
+truth is said before the first diagnosis starts, and checked when the truth is opened.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from numpy.random import SeedSequence, default_rng
+
+from bulgefit.dic.readers import read_test
+from bulgefit.dic.writers import write_test
+from bulgefit.errors import BulgefitError, InputError
+from bulgefit.files import atomic_write_text
+from bulgefit.gap.made_draws import FOREIGN, KINDS, KNOWN
+from bulgefit.gap.made_tests import Recipe, make_test
+from bulgefit.gap.scoring import judge, score
+from bulgefit.threads import one_blas_thread
+
+__all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "seal"]
+
+Diagnose = Callable[..., Any]
+
+#: Shares of kinds in a trial of all of them.
+SHARES = {"none": 0.2, "one": 0.5, "two": 0.1, "foreign": 0.2}
+
+
+def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str]:
+    """What each test of a trial is to be, in an order that tells nothing.
+
+    Parameters
+    ----------
+    number : int
+    seed : int
+    kinds : sequence of str, optional
+        Only these (`made_draws.KINDS`), equally often; default: all, in the shares of `SHARES`,
+        effects of a kind equally often.
+
+    Raises
+    ------
+    InputError
+        Number below 1 or an unknown kind.
+    """
+    if number < 1:
+        raise InputError(f"number of tests must be 1 or more, got {number}")
+    unknown = [k for k in kinds or () if k not in KINDS]
+    if unknown:
+        raise InputError(f"effects: {', '.join(unknown)} unknown; choose from {', '.join(KINDS)}")
+    rng = default_rng(SeedSequence([seed, 0]))
+
+    def cycle(names: Sequence[str], count: int) -> list[str]:
+        order = [names[i] for i in rng.permutation(len(names))]
+        return [order[i % len(order)] for i in range(count)]
+
+    if kinds:
+        chosen = cycle(list(kinds), number)
+    else:
+        counts = {kind: round(share * number) for kind, share in SHARES.items()}
+        counts["one"] += number - sum(counts.values())
+        groups = {"none": ["none"], "one": list(KNOWN), "two": ["two"], "foreign": list(FOREIGN)}
+        chosen = [name for kind in counts for name in cycle(groups[kind], max(0, counts[kind]))]
+        chosen = chosen[:number]
+    return [chosen[i] for i in rng.permutation(len(chosen))]
+
+
+def seal(text: str) -> str:
+    """SHA-256 of a truth."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def run_trial(
+    number: int = 20,
+    seed: int = 0,
+    *,
+    output: str | Path,
+    kinds: Sequence[str] | None = None,
+    strike: bool = False,
+    workers: int = 1,
+    recipe: Recipe | None = None,
+    options: Mapping[str, Any] | None = None,
+    diagnose: Diagnose | None = None,
+    executor: Executor | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Make tests, seal their truth, diagnose them blind, open and score.
+
+    The folder gets `tests/*.npz`, `sealed/*.json`, `seals.txt` (as sha256sum writes it) and
+    `answers/*.json`.
+
+    Parameters
+    ----------
+    number, seed : int
+        The tests depend on nothing else; `kinds` as in `plan`.
+    output : path
+        A folder that is empty or not there yet.
+    strike : bool
+        Take the true effects out of the catalogue before a test is diagnosed.
+    workers : int
+        Processes.
+    recipe : Recipe, optional
+        How large the tests are.
+    options : mapping, optional
+        Of the diagnosis.
+    diagnose : callable, optional
+        Called as `diagnose([test], **options)`, gives an object with `to_dict()`; it must be
+        importable by a fresh process. Default: `bulgefit.gap.diagnosis.diagnose`.
+    executor : Executor, optional
+        Default: fresh processes.
+    say : callable
+        Told about the progress, line by line.
+
+    Returns
+    -------
+    dict
+        `scores` (see `bulgefit.gap.scoring.score`), `tests` (a line each) and `meta`.
+
+    Raises
+    ------
+    InputError
+        Bad numbers or kinds, a folder that holds something, or a broken seal.
+    """
+    start = time.perf_counter()
+    chosen = plan(number, seed, kinds)
+    folder = _folder(output)
+    recipe = recipe or Recipe()
+    with _pool(executor, workers) as pool:
+        jobs = [(str(folder), i, kind, seed, recipe) for i, kind in enumerate(chosen)]
+        made = _all(pool, _make, jobs, lambda n: say(f"made {n} of {number} tests"))
+    seals = {name: digest for name, digest, _ in made}
+    _write_seals(folder, seals, say)
+    struck = {name: effects if strike else [] for name, _, effects in made}
+    # not the processes that made the tests
+    with _pool(executor, workers) as pool:
+        jobs_of = [
+            (str(folder / "tests" / f"{name}.npz"), dict(options or {}), struck[name], diagnose)
+            for name in seals
+        ]
+        done = _all(pool, _answer, jobs_of, lambda n: say(f"diagnosed {n} of {number} tests"))
+    answers = dict(zip(seals, done, strict=True))
+    for name, answer in answers.items():
+        text = json.dumps(answer, indent=2, default=_number) + "\n"
+        atomic_write_text(folder / "answers" / f"{name}.json", text)
+    records = [
+        {
+            "file": f"{name}.npz",
+            "truth": _opened(folder, name, digest),
+            "answer": answers[name],
+            "struck": struck[name],
+        }
+        for name, digest in seals.items()
+    ]
+    return {
+        "scores": score(records),
+        "tests": [judge(record) for record in records],
+        "meta": {
+            "number": number,
+            "seed": seed,
+            "kinds": list(kinds) if kinds else None,
+            "strike": strike,
+            "shrink": recipe.shrink,
+            "seals": seals,
+            "seconds": time.perf_counter() - start,
+        },
+    }
+
+
+def diagnose_file(
+    path: str, options: Mapping[str, Any], diagnose: Diagnose | None = None
+) -> dict[str, Any]:
+    """Read a test and diagnose it; a diagnosis that fails is an answer, too, but never right."""
+    if diagnose is None:
+        from bulgefit.gap.diagnosis import diagnose as found
+
+        diagnose = found
+    start = time.perf_counter()
+    try:
+        with one_blas_thread():
+            answer = diagnose([read_test(path)], **options).to_dict()
+    except (BulgefitError, ArithmeticError, ValueError, IndexError, KeyError) as error:
+        answer = {"verdict": "failed", "error": f"{type(error).__name__}: {error}"}
+    return {**answer, "seconds": time.perf_counter() - start}
+
+
+@contextmanager
+def _pool(executor: Executor | None, workers: int) -> Iterator[Executor]:
+    """The executor given, or fresh processes that end with the block."""
+    if executor is not None:
+        yield executor
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _folder(output: str | Path) -> Path:
+    folder = Path(output)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: holds something; name an empty or a new folder")
+    try:
+        for part in ("tests", "sealed", "answers"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror})") from error
+    return folder
+
+
+def _make(job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, list[str]]:
+    """Make one test and its sealed truth; its name, the seal, and what to strike."""
+    folder, index, kind, seed, recipe = job
+    name = f"test_{index:04d}"
+    made = make_test(kind, SeedSequence([seed, 1, index]), recipe, name)
+    text = json.dumps(made.truth, indent=2, sort_keys=True) + "\n"
+    write_test(made.test, Path(folder) / "tests" / f"{name}.npz")
+    atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text)
+    return name, seal(text), [e for e in made.truth["effects"] if e in KNOWN]
+
+
+def _answer(job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict[str, Any]:
+    """Diagnose one test without its struck effects."""
+    path, options, struck, diagnose = job
+    if struck:
+        options = {**options, "effects": [e for e in KNOWN if e not in struck]}
+    return diagnose_file(path, options, diagnose)
+
+
+def _all(
+    pool: Executor, work: Callable[[Any], Any], jobs: Sequence[Any], tell: Callable[[int], None]
+) -> list[Any]:
+    """Results in the order of the jobs."""
+    futures = [pool.submit(work, job) for job in jobs]
+    for number, future in enumerate(as_completed(futures), 1):
+        future.result()
+        tell(number)
+    return [future.result() for future in futures]
+
+
+def _write_seals(folder: Path, seals: Mapping[str, str], say: Callable[[str], None]) -> None:
+    lines = [f"{digest}  sealed/{name}.json" for name, digest in seals.items()]
+    text = "\n".join(lines) + "\n"
+    atomic_write_text(folder / "seals.txt", text)
+    for line in lines:
+        say(line)
+    say(f"sealed {len(lines)} truths; SHA-256 of all seals {seal(text)}")
+
+
+def _opened(folder: Path, name: str, digest: str) -> dict[str, Any]:
+    path = folder / "sealed" / f"{name}.json"
+    text = path.read_text(encoding="utf-8")
+    if seal(text) != digest:
+        raise InputError(f"{path}: the seal is broken; the truth was changed after it was sealed")
+    return dict(json.loads(text))
+
+
+def _number(value: Any) -> Any:
+    """NumPy's numbers and arrays for JSON."""
+    return value.tolist()

@@ -1,0 +1,177 @@
+"""Is the trial blind, sealed, repeatable, and plain about bad input?"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from concurrent.futures import Executor, Future
+
+import pytest
+
+from bulgefit.cli import trial as verb
+from bulgefit.cli.main import _Parser
+from bulgefit.errors import InputError
+from bulgefit.gap import trial
+from bulgefit.gap.made_draws import FOREIGN, KNOWN
+from bulgefit.gap.made_tests import Recipe
+from bulgefit.gap.trial import plan, run_trial
+
+SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
+
+
+class Answer:
+    """What a diagnosis gives."""
+
+    def __init__(self, **answer):
+        self.answer = answer
+
+    def to_dict(self):
+        return self.answer
+
+
+def silent(tests, **options):
+    """A diagnosis that finds nothing, and tells what it was given."""
+    (test,) = tests
+    given = {"name": test.name, "source": test.source, "process": os.getpid(), **options}
+    return Answer(verdict="none", causes=[], given=given)
+
+
+def broken(tests, **options):
+    raise ValueError("too few points")
+
+
+class Inline(Executor):
+    """Runs in place."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def small(tmp_path, number=3, **options):
+    options = {"executor": Inline(), "diagnose": silent, "recipe": SMALL, **options}
+    return run_trial(number, 5, output=tmp_path / "trial", **options)
+
+
+def test_plan_covers_all_and_repeats():
+    chosen = plan(200, 1)
+    assert chosen == plan(200, 1) != plan(200, 2)
+    assert len(chosen) == 200
+    assert chosen.count("none") == 40
+    assert chosen.count("two") == 20
+    assert all(chosen.count(effect) >= 5 for effect in KNOWN)
+    assert all(chosen.count(effect) == 8 for effect in FOREIGN)
+    assert sorted(plan(4, 0, ["none", "clamp_slip"])) == ["clamp_slip"] * 2 + ["none"] * 2
+    for number in range(1, 12):
+        assert len(plan(number, 0)) == number
+
+
+def test_seals_are_said_before_any_diagnosis(tmp_path):
+    said = []
+
+    def watch(tests, **options):
+        assert any("sealed 3 truths" in line for line in said)
+        return silent(tests)
+
+    result = small(tmp_path, diagnose=watch, say=said.append)
+    assert result["scores"]["tests"] == 3
+    assert sorted(t["file"] for t in result["tests"]) == [f"test_000{i}.npz" for i in range(3)]
+    for name, digest in result["meta"]["seals"].items():
+        text = (tmp_path / "trial" / "sealed" / f"{name}.json").read_bytes()
+        assert hashlib.sha256(text).hexdigest() == digest
+        assert f"{digest}  sealed/{name}.json" in said
+        assert json.loads((tmp_path / "trial" / "answers" / f"{name}.json").read_text())
+
+
+def test_a_changed_truth_is_found_out(tmp_path):
+    def cheat(tests, **options):
+        path = tmp_path / "trial" / "sealed" / "test_0000.json"
+        path.write_text(path.read_text().replace('"kind"', '"king"'))
+        return silent(tests)
+
+    with pytest.raises(InputError, match="seal is broken"):
+        small(tmp_path, diagnose=cheat)
+
+
+def test_strike_takes_out_the_true_effect_alone(tmp_path):
+    result = small(tmp_path, 2, kinds=["clamp_slip", "none"], strike=True)
+    for line in result["tests"]:
+        path = tmp_path / "trial" / "answers" / line["file"].replace("npz", "json")
+        given = json.loads(path.read_text())["given"]
+        if line["truth"]:
+            assert set(KNOWN) - set(given["effects"]) == {"clamp_slip"}
+            assert not line["right"]
+        else:
+            assert "effects" not in given
+            assert line["right"]
+
+
+def test_a_failure_is_an_answer_that_is_not_right(tmp_path):
+    result = small(tmp_path, 1, kinds=["none"], diagnose=broken)
+    assert result["tests"][0]["error"] == "ValueError: too few points"
+    assert result["scores"]["failed"] == 1
+    assert result["scores"]["false_alarms"]["hits"] == 1
+
+
+def test_same_seed_same_tests_in_fresh_processes(tmp_path):
+    here = small(tmp_path / "a", 2)
+    away = run_trial(
+        2, 5, output=tmp_path / "b", workers=1, recipe=SMALL, diagnose=silent, say=print
+    )
+    assert here["meta"]["seals"] == away["meta"]["seals"]
+    answer = json.loads((tmp_path / "b" / "answers" / "test_0001.json").read_text())
+    assert answer["given"]["process"] != os.getpid()
+    assert answer["given"]["source"].endswith("test_0001.npz")
+
+
+def test_refuses_a_folder_that_holds_something(tmp_path):
+    (tmp_path / "trial").mkdir()
+    (tmp_path / "trial" / "letter").write_text("dear")
+    with pytest.raises(InputError, match="holds something"):
+        small(tmp_path)
+
+
+def arguments(*words):
+    parser = _Parser(prog="bulgefit trial")
+    verb.add_arguments(parser)
+    args = parser.parse_args(list(words))
+    args.quiet = True
+    return args
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--number", "0"], "1 or more"),
+        (["--seed", "-1"], "0 or more"),
+        (["--shrink", "0.5"], "1 or more"),
+        (["--effects", "gremlin"], "clamp_slip"),
+        (["--effects", ","], "at least one"),
+        (["--workers", "0"], "1 or more"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, words, said):
+    with pytest.raises(InputError, match=said):
+        verb.run(arguments(*words, "--output", str(tmp_path / "t")))
+    assert not (tmp_path / "t").exists()
+
+
+def test_verb_prints_the_table_and_writes_json(tmp_path, monkeypatch, capsys):
+    def fake(number, seed, **options):
+        return run_trial(
+            number, seed, **{**options, "recipe": SMALL}, diagnose=silent, executor=Inline()
+        )
+
+    monkeypatch.setattr(trial, "run_trial", fake)
+    file = tmp_path / "result.json"
+    words = ["--number", "2", "--effects", "none", "--output", str(tmp_path / "t")]
+    assert verb.run(arguments(*words, "--json", str(file))) == 0
+    assert "false alarms on clean tests" in capsys.readouterr().out
+    result = json.loads(file.read_text())
+    assert result["scores"]["false_alarms"]["hits"] == 0
+    assert result["meta"]["versions"]["bulgefit"]
