@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
+    from bulgefit.gap.diagnosis import diagnose as diagnose
     from bulgefit.inverse.crossval import crossval as crossval
     from bulgefit.inverse.evaluate import evaluate as evaluate
     from bulgefit.inverse.fit import fit as fit
@@ -37,6 +38,7 @@ _HOMES = {
     "Mesh": "bulgefit.fem.mesh",
     "Simulation": "bulgefit.simulation",
     "crossval": "bulgefit.inverse.crossval",
+    "diagnose": "bulgefit.gap.diagnosis",
     "disc": "bulgefit.fem.mesh",
     "evaluate": "bulgefit.inverse.evaluate",
     "fit": "bulgefit.inverse.fit",

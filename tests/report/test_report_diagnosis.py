@@ -14,7 +14,8 @@ from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import diagnose
 from bulgefit.model.specimen import Specimen
 from bulgefit.report import _diagnosis_words as words
-from bulgefit.report._diagnosis_charts import budget
+from bulgefit.report._diagnosis_charts import budget, plot_cosines
+from bulgefit.report._diagnosis_maps import plot_where
 from bulgefit.report._diagnosis_parts import file_stems, steps_of
 from bulgefit.report.diagnosis import check_report, report_text, write_report
 
@@ -53,7 +54,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def pair():
-    """Two tests of one name, one with nothing to explain it."""
+    """Two tests of one name, one slack as well."""
     shifted = {**TRUTH, "prestrain.slack_x": 0.002}
     return diagnose([made("same", 2), made("same", 3, shifted)], effects=["rigid_motion"])
 
@@ -68,10 +69,16 @@ def text_of(blocks):
     return "\n".join(" ".join(b.lines) + " ".join(map(" ".join, b.rows)) for b in blocks)
 
 
-def test_report_of_a_named_cause(found, tmp_path):
+@pytest.fixture(scope="module")
+def drawn(found, tmp_path_factory):
+    """Folder and files of a report."""
+    folder = tmp_path_factory.mktemp("diagnosis") / "new" / "report"
+    return folder, write_report(found, folder)
+
+
+def test_report_of_a_named_cause(found, drawn):
     assert found.verdict == "named"
-    folder = tmp_path / "new" / "report"
-    files = write_report(found, folder)
+    folder, files = drawn
     assert {p.name for p in files} == {
         "summary.html",
         "summary.md",
@@ -100,16 +107,16 @@ def test_report_of_a_named_cause(found, tmp_path):
     assert "**" not in html
 
 
-def test_files_are_refused_then_replaced(found, tmp_path):
+def test_files_are_refused_then_replaced(found, drawn, tmp_path):
     (tmp_path / "budget.png").write_text("mine")
     with pytest.raises(InputError, match=r"budget.png: exists; use --force"):
         write_report(found, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["budget.png"]
     (tmp_path / "other.png").write_text("not ours")
-    nothing = replace_groups(found)
-    write_report(found, tmp_path, force=True)
-    assert (tmp_path / "plate_1_a_where_after.png").exists()
-    files = write_report(nothing, tmp_path, force=True)
+    for path in write_report(found, tmp_path, force=True):
+        assert path.read_bytes() == (drawn[0] / path.name).read_bytes()
+    # what a later diagnosis has no use for is no longer there
+    files = write_report(replace_groups(found), tmp_path, force=True)
     assert sorted(tmp_path.iterdir()) == sorted([*files, tmp_path / "other.png"])
     assert not (tmp_path / "plate_1_a_where_after.png").exists()
 
@@ -129,13 +136,6 @@ def replace_groups(found, **changes):
     return replace(found, verdict="unknown", causes=[], explanation=kept, gaps=gaps, **changes)
 
 
-def test_the_same_diagnosis_gives_the_same_files(found, tmp_path):
-    for name in "ab":
-        write_report(found, tmp_path / name)
-    for path in (tmp_path / "a").iterdir():
-        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
-
-
 @pytest.mark.parametrize("target", ["file", "file/sub"])
 def test_a_folder_that_cannot_be(target, tmp_path):
     (tmp_path / "file").write_text("x")
@@ -144,9 +144,15 @@ def test_a_folder_that_cannot_be(target, tmp_path):
 
 
 def test_several_tests_of_one_name(pair, tmp_path):
-    files = {p.name for p in write_report(pair, tmp_path)}
-    assert {"same_1_modes.png", "same_2_modes.png"} <= files
-    assert "cosines.png" not in files  # one effect has none to be like
+    names = {p.name for p in check_report([t.name for t in pair.tests], tmp_path)}
+    assert {"same_1_modes.png", "same_2_modes.png"} <= names
+    assert not plot_cosines(pair, tmp_path / "c.png", force=False)  # one has none to be like
+    maps = []
+    for index in range(2):
+        path = tmp_path / f"{index}.png"
+        plot_where(pair, index, path, after=True, force=False)
+        maps.append(path.read_bytes())
+    assert maps[0] != maps[1]
     assert "rotation_x of same" in report_text(pair)
 
 

@@ -24,6 +24,8 @@ VERBS = {
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
     "crossval": ("bulgefit.cli.crossval", "fit with each test left out in turn"),
+    "diagnose": ("bulgefit.cli.diagnose", "find where and why the model misses tests"),
+    "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
 }
 
 BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141

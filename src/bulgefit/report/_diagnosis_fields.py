@@ -17,6 +17,7 @@ from bulgefit.report._diagnosis_parts import (
     draw_points,
     frames_of,
     limit_of,
+    outer_ticks,
     residual_of,
     rms,
     steps_of,
@@ -48,7 +49,7 @@ def plot_component(
     figure = Figure(
         figsize=(2.7 * len(columns) + 0.9, 2.6 * len(frames) + 1.9), layout="constrained"
     )
-    panels = figure.subplots(len(frames), len(columns), squeeze=False, sharex=True, sharey=True)
+    panels = figure.subplots(len(frames), len(columns), squeeze=False)
     spans = [_span(component, measured, modelled)] * 2
     spans += [(-limit_of(r), limit_of(r), SIGNED) for r in residuals]
     titles = ["measured", "modelled,\n" + with_causes(diagnosis, 1)]
@@ -61,7 +62,7 @@ def plot_component(
             head = title + "\n" if row == 0 else ""
             panel.set_title(head + text, fontsize=_figure.FONT - (column >= 2 and row > 0))
         drawn.append(last)
-        panels[-1, column].set_xlabel("x (mm)", fontsize=_figure.FONT)
+    outer_ticks(panels, data.specimen.test.radius)
     for panel, frame in zip(panels[:, 0], frames, strict=True):
         bar = 10.0 * data.specimen.recorded[frame]
         panel.set_ylabel(f"{bar:.3g} bar\ny (mm)", fontsize=_figure.FONT)
@@ -107,7 +108,7 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
     for block, step in zip(blocks[:, 0], steps, strict=True):
         note = "" if step.taken else " (tried; held-out data do not pay for it)"
         block.suptitle(f"{step.effect}{note}", fontsize=_figure.FONT + 2, fontweight="bold")
-        panels = block.subplots(3, width, sharex=True, sharey=True)
+        panels = block.subplots(3, width)
         before = residual_of(data, step.before, index)[frames]
         after = residual_of(data, step.after, index)[frames]
         adds = (
@@ -125,9 +126,7 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
                     head = f"{title},\n{bar}\n" if component == 0 else ""
                     panel.set_title(head + rms(field[k]), fontsize=_figure.FONT - 1)
             colour_bar(block, drawn, row, f"{COMPONENTS[component]} (mm)", pad=0.01, aspect=15)
-            row[0].set_ylabel("y (mm)", fontsize=_figure.FONT)
-        for panel in panels[-1]:
-            panel.set_xlabel("x (mm)", fontsize=_figure.FONT)
+        outer_ticks(panels, data.specimen.test.radius)
     _figure.save(figure, path, force)
     return True
 

@@ -170,7 +170,7 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
             panel.plot(bars, _law(mode, bars), color=colour, linewidth=1.2)
     panel.legend(
         fontsize=_figure.FONT - 1, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False,
-        handletextpad=0.1, columnspacing=1.0, ncol=3,
+        handletextpad=0.1, columnspacing=1.0, ncol=2,
     )  # fmt: skip
 
 

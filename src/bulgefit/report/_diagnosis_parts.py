@@ -24,6 +24,7 @@ __all__ = [
     "file_stems",
     "frames_of",
     "limit_of",
+    "outer_ticks",
     "residual_of",
     "rms",
     "steps_of",
@@ -36,6 +37,7 @@ COMPONENTS = ("dx", "dy", "dz")
 #: Colours of signed fields, told apart by colour-blind readers.
 SIGNED = "PuOr_r"
 
+_PIXELS = 160  # of a map, each way
 _SHARE = 98.0  # percentile of |value| at which colours end
 
 
@@ -115,29 +117,41 @@ def rms(values: Floats) -> str:
 
 
 def draw_points(panel: Any, data: Data, values: Floats, low: float, high: float, cmap: str) -> Any:
-    """A map: every point a square of the point spacing, in the colour of its value."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.patches import Circle
+    """A map: everywhere the value of the nearest point, nothing where that one is far or unknown.
 
-    radius = data.specimen.test.radius
-    shown = np.isfinite(values)
-    centres = data.specimen.reference[shown, :2]
-    # uneven points leave holes between squares of their median distance
-    half = 0.7 * min(_figure.point_spacing(data.specimen.reference), 0.5 * radius)
-    square = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    drawn = PolyCollection(
-        list(centres[:, None] + square), array=values[shown], cmap=cmap, linewidths=0,
-        rasterized=True,
+    The panel has ticks only after `outer_ticks`.
+    """
+    from matplotlib.patches import Circle
+    from scipy.spatial import KDTree
+
+    radius, points = data.specimen.test.radius, data.specimen.reference[:, :2]
+    reach = 0.8 * min(_figure.point_spacing(data.specimen.reference), 0.3 * radius)
+    axis = radius * (np.arange(_PIXELS) + 0.5 - 0.5 * _PIXELS) / (0.5 * _PIXELS)
+    away, nearest = KDTree(points).query(np.stack(np.meshgrid(axis, axis), axis=-1))
+    drawn = panel.imshow(
+        np.where(away < reach, values[nearest], np.nan), cmap=cmap, vmin=low, vmax=high,
+        origin="lower", extent=(-radius, radius, -radius, radius), interpolation="nearest",
     )  # fmt: skip
-    drawn.set_clim(low, high)
-    panel.add_collection(drawn)
     panel.add_patch(Circle((0, 0), radius, fill=False, color="0.4", linewidth=0.8))
-    panel.set_aspect("equal")
     panel.set_facecolor("0.93")
     panel.set_xlim(-1.05 * radius, 1.05 * radius)
     panel.set_ylim(-1.05 * radius, 1.05 * radius)
-    panel.tick_params(labelsize=_figure.FONT - 2)
+    panel.set_xticks([])
+    panel.set_yticks([])
     return drawn
+
+
+def outer_ticks(panels: NDArray[Any], radius: float) -> None:
+    """Ticks and labels for the first column and the last row of maps."""
+    ticks = [-radius, -0.5 * radius, 0.0, 0.5 * radius, radius]
+    for panel in panels[:, 0]:
+        panel.set_yticks(ticks, [f"{t:g}" for t in ticks])
+        panel.set_ylabel("y (mm)", fontsize=_figure.FONT)
+    for panel in panels[-1]:
+        panel.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        panel.set_xlabel("x (mm)", fontsize=_figure.FONT)
+    for panel in (*panels[:, 0], *panels[-1]):
+        panel.tick_params(labelsize=_figure.FONT - 2)
 
 
 def colour_bar(

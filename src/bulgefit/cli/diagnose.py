@@ -1,0 +1,167 @@
+"""bulgefit diagnose: where does the model miss, and which unmodelled effect causes it?"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from bulgefit.cli import _common, _inverse
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "find out where a model misses bulge tests, and why"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Diagnose the gap between a virtual bulge test and the measured one: where it lies, which\n"
+        "effect that the model leaves out causes it, and how far it shrinks once that effect is\n"
+        "added. Effects are judged on data that was not fitted. The verdict is named, ambiguous,\n"
+        "none (good to the noise) or unknown. Several tests share their material, all other\n"
+        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit diagnose test1.npz --report report\n"
+        "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
+        "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion"
+    )
+    add_tests_argument(parser)
+    group = parser.add_argument_group("diagnosis")
+    group.add_argument(
+        "--effects",
+        metavar="ID,ID",
+        help="effects to try (default: the whole catalogue; an unknown name lists it)",
+    )
+    group.add_argument(
+        "--max-pressure",
+        type=float,
+        metavar="BAR",
+        help="leave frames above this pressure (bar) out (default: all frames)",
+    )
+    group.add_argument(
+        "--law",
+        default="hencky",
+        metavar="LAW",
+        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
+        "(svk) (default: hencky)",
+    )
+    group.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="written to the result; the search draws nothing at random (default: 0)",
+    )
+    _common.add_workers_argument(parser)
+    add_reader_arguments(parser)
+    parser.add_argument(
+        "--report",
+        metavar="FOLDER",
+        help="draw figures and a summary in plain words into this folder (made if needed)",
+    )
+    _common.add_json_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose, print, write and draw."""
+    _common.check_json_target(args)
+    effects = _effects(args.effects)
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: give 0 or more")
+    workers = _common.workers_from(args)
+    tests = _inverse.read_tests(args)
+    if args.report is not None:
+        from bulgefit.report.diagnosis import check_report
+
+        check_report([t.name for t in tests], args.report, args.force)
+
+    from bulgefit.gap.diagnosis import diagnose
+    from bulgefit.report.diagnosis import report_text, write_report
+
+    _common.announce_kernels(args)
+    with _Progress(quiet=args.quiet) as progress:
+        found = diagnose(
+            tests,
+            effects=effects,
+            law=args.law,
+            seed=args.seed,
+            workers=workers,
+            say=progress.say,
+        )
+    if args.json is not None:
+        _common.write_json(found.to_dict(), args.json, args.force)
+    if not _common.prints_json(args):
+        print(report_text(found))
+    if args.report is not None:
+        files = write_report(found, args.report, force=args.force)
+        _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
+    return 0
+
+
+def _effects(text: str | None) -> list[str] | None:
+    """The names of --effects; refused before a test is read."""
+    if text is None:
+        return None
+    from bulgefit.gap.effects import chosen_effects
+
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise InputError("--effects: give one or more names, such as clamp_slip,prestrain")
+    chosen_effects(names, has_time=True)
+    return names
+
+
+class _Progress:
+    """Says on stderr what is being tried: one line over itself on a terminal, else a line each.
+
+    May be told from several threads.
+    """
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._over = sys.stderr.isatty()
+        self._began = time.monotonic()
+        self._count = 0
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._over and self._count:
+            self._write("\r\x1b[K")
+
+    def say(self, what: str) -> None:
+        """Show one step."""
+        if self._quiet:
+            return
+        with self._lock:
+            self._count += 1
+            text = f"{time.monotonic() - self._began:4.0f} s, step {self._count}: {what}"
+            if self._over:
+                width = shutil.get_terminal_size().columns - 1
+                self._write(f"\r\x1b[K{text[:width]}")
+            else:
+                self._write(f"{text}\n")
+
+    @staticmethod
+    def _write(text: str) -> None:
+        sys.stderr.write(text)
+        sys.stderr.flush()

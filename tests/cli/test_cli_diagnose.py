@@ -1,0 +1,189 @@
+"""Does `bulgefit diagnose` keep its promises to scripts, say what it does, and refuse in a line?"""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bulgefit.cli import diagnose as verb
+from bulgefit.cli.main import main
+from bulgefit.errors import SolveError
+from bulgefit.fem.mesh import disc
+from bulgefit.gap.effects import CATALOGUE
+from bulgefit.model.observation import observe
+from bulgefit.simulation import simulate
+
+TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 40.0, "nu12": 0.24}
+EFFECTS = ["--effects", "rigid_motion,pressure_gain"]
+
+
+def arrays(frames=6, spacing=10.0):
+    """A made test whose camera has moved by 0.2 mm."""
+    axis = np.arange(-90, 91, spacing)
+    x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
+    inside = np.hypot(x, y) < 92
+    points = np.column_stack([x[inside], y[inside]])
+    pressure = np.linspace(0.02, 0.22, frames)
+    mesh = disc(100.0, 6)
+    seen = observe(mesh, points)(simulate(TRUTH, pressure, mesh=mesh).displacement)
+    seen += np.array([0.2, 0.0, 0.0])
+    seen += np.random.default_rng(1).normal(0, [0.006, 0.006, 0.013], seen.shape)
+    return {
+        "reference": np.column_stack([points, np.zeros(len(points))]),
+        "displacement": seen,
+        "pressure": pressure,
+        "radius": np.float64(100.0),
+        "thickness": np.float64(0.81),
+        "poisson_ratio": np.float64(0.24),
+    }
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return arrays()
+
+
+@pytest.fixture
+def folder(moved, tmp_path, monkeypatch):
+    """The working folder, with good.npz."""
+    monkeypatch.chdir(tmp_path)
+    np.savez("good.npz", **moved)
+    return tmp_path
+
+
+@pytest.fixture
+def untouched(monkeypatch):
+    """Fails where a diagnosis starts although it should have been refused before."""
+    import bulgefit.gap.diagnosis
+
+    def started(*_, **__):
+        raise AssertionError("the work began")
+
+    monkeypatch.setattr(bulgefit.gap.diagnosis, "diagnose", started)
+
+
+def refused(capsys, message, *words):
+    before = sorted(Path().rglob("*"))
+    assert main(["diagnose", *words, "--quiet"]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("bulgefit diagnose: error: ")
+    assert output.err.count("\n") == 1
+    assert message in output.err
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
+    words = ["diagnose", "good.npz", *EFFECTS, "--workers", "1", "--seed", "3"]
+    assert main([*words, "--json", "gap.json", "--report", "new/report"]) == 0
+    output = capsys.readouterr()
+    for text in ("verdict: named", "rigid_motion", "shift_x", "±", "mm", "noise alone", "G12"):
+        assert text in output.out
+    lines = output.err.splitlines()
+    assert any("baseline: the moduli alone" in line for line in lines)
+    assert any("rigid_motion (6 parameters)" in line for line in lines)
+    assert "open new/report/summary.html" in lines[-1]
+    assert "\r" not in output.err
+    found = json.loads((folder / "gap.json").read_text())
+    assert found["verdict"] == "named"
+    (cause,) = found["causes"]
+    assert cause["effect"] == "rigid_motion"
+    assert cause["parameters"]["shift_x"]["value"] == pytest.approx(0.2, abs=0.005)
+    assert found["meta"]["seed"] == 3
+    assert (folder / "new" / "report" / "summary.html").stat().st_size > 10_000
+
+    # the JSON alone on stdout; nothing on stderr
+    assert main([*words, "--json", "-", "--quiet"]) == 0
+    output = capsys.readouterr()
+    again = json.loads(output.out)
+    assert again["causes"] == found["causes"]
+    assert output.err == ""
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        ("clamp_slop unknown; choose from initial_shape, ", ["--effects", "creep,clamp_slop"]),
+        ("--effects: give one or more names", ["--effects", ","]),
+        ("--seed -1: give 0 or more", ["--seed", "-1"]),
+        ("--workers 0: give 1 or more", ["--workers", "0"]),
+        ("every frame of good lies above it", ["--max-pressure", "0.01"]),
+        ("good.npz: exists; use --force", ["--json", "good.npz"]),
+        ("nowhere does not exist", ["--json", "nowhere/gap.json"]),
+        ("good.npz is a file; name a folder", ["--report", "good.npz"]),
+    ],
+)
+def test_refused_before_the_work(folder, untouched, capsys, message, words):
+    refused(capsys, message, "good.npz", *words)
+
+
+def test_an_older_report_is_kept(folder, untouched, capsys):
+    (folder / "report").mkdir()
+    (folder / "report" / "good_modes.png").write_text("older")
+    refused(capsys, "report/good_modes.png: exists; use --force", "good.npz", "--report", "report")
+
+
+def test_every_known_effect_is_listed(folder, untouched, capsys):
+    assert main(["diagnose", "good.npz", "--effects", "gravity"]) == 2
+    message = capsys.readouterr().err
+    assert all(name in message for name in CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("message", "options"),
+    [
+        ("few: 3 usable frames are too few to judge a gap; 5 or more", {"frames": 3}),
+        ("few: 0 usable frames are too few to judge a gap; 5 or more", {"spacing": 30.0}),
+    ],
+)
+def test_too_little_to_judge(folder, capsys, message, options):
+    np.savez("few.npz", **arrays(**options))
+    refused(capsys, message, "few.npz")
+
+
+def test_unknown_law(folder, capsys):
+    refused(capsys, "law: 'hook' is unknown; choose from hencky, svk", "good.npz", "--law", "hook")
+
+
+def test_no_test(capsys):
+    assert main(["diagnose"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_on_a_terminal_is_one_line_that_goes(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(verb.sys, "stderr", screen)
+    monkeypatch.setenv("COLUMNS", "40")
+
+    def work():
+        with verb._Progress(quiet=False) as progress:
+            progress.say("clamp_slip (1 parameters)")
+            progress.say("reference_state " * 10)
+            raise SolveError("no equilibrium", pressure=1.0, reached=0.5, iteration=3,
+                             residual_norm=1.0, parameters={})  # fmt: skip
+
+    with pytest.raises(SolveError):
+        work()
+    text = screen.getvalue()
+    assert "\n" not in text
+    assert text.endswith("\r\x1b[K")
+    shown = [part for part in text.split("\r\x1b[K") if part]
+    assert "step 1: clamp_slip" in shown[0]
+    assert max(map(len, shown)) < 40
+
+
+def test_quiet_progress_says_nothing(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(verb.sys, "stderr", screen)
+    with verb._Progress(quiet=True) as progress:
+        progress.say("x")
+    assert screen.getvalue() == ""
