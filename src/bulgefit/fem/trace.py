@@ -42,6 +42,8 @@ _SOFT_SHEAR, _RESTARTS = 0.05, (1.0, 10.0, 100.0)
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's.
 _ROUGH = 0.1
+#: Levels over the rest of the range once a path has been left for a stable one.
+_SETTLED = 6
 #: Share of the tolerance that steps aim at.
 _AIM = 0.3
 
@@ -69,6 +71,7 @@ class _Tracer:
         self.work = 0
         self.wasted = 0
         self.closing_in = False
+        self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
         self.mirrored = membrane.fabric.surface is None
 
@@ -79,6 +82,7 @@ class _Tracer:
         except NewtonError as error:
             self.work += error.work
             self.wasted += error.work
+            self.failure = error
             raise
         self.work += balance.factorisations
         slope = slope_in_pressure(self.membrane, balance)
@@ -219,7 +223,25 @@ def trace(
         except NewtonError as error:
             raise _solve_error(tracer, error, np.cbrt(low), shown) from error
         spent = tracer.work
+    if soft:
+        try:
+            _settle(tracer, np.cbrt(high))
+        except NewtonError as error:
+            raise failure from error
+        return _path(tracer, np.inf)
     raise failure
+
+
+def _settle(tracer: _Tracer, end: float) -> None:
+    """Leave a path that cannot be followed for a stable one, by descent of the potential.
+
+    Beyond the loss of ellipticity a soft shear modulus leaves many equilibria. The stable ones
+    have bands as wide as a cell; they are equilibria all the same, and tell a search more than a
+    failure would. Nothing is claimed of the dense output between them.
+    """
+    for s in np.linspace(tracer.levels[-1].s, end, _SETTLED + 1)[1:]:
+        tracer.solve(s, tracer.levels[-1].displacement, follow=False)
+        tracer.forget()
 
 
 class _StoppedError(ArithmeticError):
@@ -239,6 +261,8 @@ def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
         # equal steps to the end rather than a short last one
         step = end - s if s + 1.01 * step >= end else min(step, 0.5 * (end - s) + 0.01 * step)
         share = _advance(tracer, step, smallest)
+        if tracer.levels[-1].s - s < smallest:
+            raise _StoppedError(tracer.failure, tracer.levels[-1].s + smallest)
         error = _refine(tracer, len(tracer.levels) - 2, tolerance, _CLOSEST * end)
         if len(tracer.levels) > STENCIL:  # the new level serves the interval below it too
             below = _refine(tracer, len(tracer.levels) - 3, tolerance, _CLOSEST * end)
