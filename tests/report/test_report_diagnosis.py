@@ -190,7 +190,7 @@ def test_words_of_every_verdict(found):
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
     ambiguous = replace(found, verdict="ambiguous", causes=[split])
     for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):
-        assert "rigid_motion or fixture_motion" in text
+        assert "one of rigid_motion or fixture_motion" in text
         assert "edge of what is plausible" in " ".join(text.split())
 
 

@@ -42,7 +42,7 @@ def plot_component(
     modelled = found.final.predictions[index].displacement[frames, :, component]
     labels = {"moduli alone": found.baseline}
     if found.groups:
-        labels[with_causes(diagnosis)] = found.final
+        labels[with_causes(diagnosis, 1)] = found.final
     residuals = [residual_of(data, f, index)[frames, :, component] for f in labels.values()]
 
     columns = [measured, modelled, *residuals]

@@ -36,19 +36,19 @@ def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, for
     name = data.specimen.test.name
     fit = found.final if after else found.baseline
     cells = cells_of(data, residual_of(data, fit, index) / data.sigma)
+    whole = "what is left" if after else "the gap"
     bands = sorted({c.band for c in cells})
     figure = Figure(figsize=(2.9 * max(len(bands), 2) + 1.3, 10.2), layout="constrained")
     panels = figure.subplots(3, max(len(bands), 1), squeeze=False)
     for component, row in zip(COMPONENTS, panels, strict=True):
         ours = [c for c in cells if c.component == component]
-        limit = max((abs(c.mean) for c in ours), default=0.0) or 1e-9
-        colours = _colours(limit)
+        colours = _colours(_limit(ours))
         for panel, band in zip(row, bands, strict=False):
             inside = [c for c in ours if c.band == band]
             _draw_disc(panel, {c.region: c for c in inside}, colours)
             panel.set_title(
                 f"{component}, {band[0]:.3g} to {band[1]:.3g} bar\n"
-                f"{sum(c.share for c in inside):.1%} of the gap",
+                f"{sum(c.share for c in inside):.1%} of {whole}",
                 fontsize=_figure.FONT,
             )
         colour_bar(
@@ -63,6 +63,13 @@ def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, for
         fontsize=_figure.FONT + 1,
     )
     _figure.save(figure, path, force)
+
+
+def _limit(cells: list[Cell]) -> float:
+    """Where colours end, mm: far enough out that noise stays pale."""
+    errors = [c.mean / c.significance for c in cells if c.significance]
+    noise = 2.0 * SIGNIFICANT * float(np.median(errors)) if errors else 0.0
+    return max(noise, *(abs(c.mean) for c in cells), 1e-9)
 
 
 def _colours(limit: float) -> Any:

@@ -168,15 +168,15 @@ def _listed(items: Sequence[str], last: str = "and") -> str:
 
 def _verdict(diagnosis: Diagnosis) -> str:
     causes = diagnosis.causes
-    named = _listed([f"{_or(c)} ({CATALOGUE[c.effect].meaning})" for c in causes])
+    named = _listed([_called(c) for c in causes])
     if diagnosis.verdict == "none":
         return "The model with its moduli alone is good to the noise; nothing need be added."
     if diagnosis.verdict == "named":
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
     if diagnosis.verdict == "ambiguous":
         return (
-            f"The gap is explained down to the noise by {named}; where two are given, this data "
-            "cannot tell which."
+            f"The gap is explained down to the noise by {named}; which of several, this data "
+            "cannot tell."
         )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
@@ -186,8 +186,10 @@ def _helps(causes: Sequence[Cause]) -> str:
     return "helps" if len(causes) == 1 else "help"
 
 
-def _or(cause: Cause) -> str:
-    return _listed([cause.effect, *cause.alternatives], "or")
+def _called(cause: Cause) -> str:
+    if cause.alternatives:
+        return f"one of {_listed([cause.effect, *cause.alternatives], 'or')}"
+    return f"{cause.effect} ({CATALOGUE[cause.effect].meaning})"
 
 
 def _parameters(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]:
@@ -276,13 +278,19 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
         return ["Nothing that noise could not have made."]
     several = len(diagnosis.tests) > 1
     strong = [c for c in rest.cells if abs(c.significance) > SIGNIFICANT]
+    # the most significant pressure band of each place; cells come with that first
+    places: dict[tuple[str, str, str], Cell] = {}
+    for c in strong:
+        places.setdefault((c.test, c.component, c.region), c)
     items = [
         f"{_cell(c, several)}: measured - modelled is {c.mean:+.3g} mm on average "
         f"({abs(c.significance):.0f} standard errors)."
-        for c in strong[:_MOST_CELLS]
+        for c in list(places.values())[:_MOST_CELLS]
     ]
-    if len(strong) > _MOST_CELLS:
-        items.append(f"and {len(strong) - _MOST_CELLS} more of {len(rest.cells)} cells.")
+    items.append(
+        f"In all {len(strong)} of {len(rest.cells)} cells (component, region, pressure band) are "
+        f"beyond {SIGNIFICANT:g} standard errors."
+    )
     modes = [
         m
         for m in azimuthal_modes(data_of(diagnosis), diagnosis.explanation.final)
@@ -337,10 +345,10 @@ def _advice(diagnosis: Diagnosis) -> list[str]:
         ]
     if not useful:
         return ["No further measurement that was tried would split the leading explanations."]
+    options = [f"{a.measurement} ({a.separation:.0f})" for a in useful[:3]]
     return [
-        f"To split the leading explanations: {a.measurement}; it would set them "
-        f"{a.separation:.3g} standard errors apart (now {now.separation:.3g})."
-        for a in useful[:3]
+        f"To split the leading explanations, best first: {'; '.join(options)}. In brackets the "
+        f"standard errors that would lie between them; now it is {now.separation:.0f}."
     ]
 
 
