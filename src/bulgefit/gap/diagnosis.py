@@ -17,7 +17,13 @@ from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
 from bulgefit.gap.explain import Explanation, Round, Universe, explain, universe
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
-from bulgefit.gap.prepare import Prepared, correct_discretisation, drop_outliers, prepare
+from bulgefit.gap.prepare import (
+    Prepared,
+    correct_discretisation,
+    drop_outliers,
+    prepare,
+    renew_noise,
+)
 from bulgefit.gap.regress import Regression, bounds_of, regress
 from bulgefit.gap.separate import Pair, indistinguishable
 from bulgefit.inverse.result import describe_tests, versions
@@ -238,6 +244,7 @@ def _baseline(prepared: Sequence[Prepared]) -> Regression:
     data = [p.data for p in prepared]
     first = regress(data, MODULI, START)
     for p, prediction in zip(prepared, first.predictions, strict=True):
+        renew_noise(p, prediction.displacement)
         drop_outliers(p, prediction.displacement)
         try:
             correct_discretisation(p, prediction.shapes)

@@ -126,6 +126,17 @@ def _thinned(test: BulgeTest) -> BulgeTest:
     return test.select(points=mask)
 
 
+def renew_noise(prepared: Prepared, modelled: Floats) -> None:
+    """Without images at rest, take the noise from the residual: it is smoother than the field."""
+    data = prepared.data
+    test = data.specimen.test
+    if prepared.noise.source == "static images":
+        return
+    residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
+    prepared.noise = estimate_noise(test, residual)
+    data.sigma, data.inflation = prepared.noise.sigma, prepared.noise.inflation
+
+
 def drop_outliers(prepared: Prepared, modelled: Floats) -> None:
     """Leave out values that depart from their neighbours far beyond the noise."""
     data = prepared.data

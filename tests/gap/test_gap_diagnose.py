@@ -1,0 +1,113 @@
+"""Verdicts on small made tests: a clean one, a catalogue effect, the same with it struck out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.gap.diagnosis import Diagnosis, diagnose
+from bulgefit.gap.noise import estimate_noise
+from bulgefit.model.specimen import Specimen
+
+MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
+SIGMA = np.array([0.006, 0.006, 0.012])
+CANDIDATES = ("pressure_offset", "clamp_slip", "axis_misalignment", "rigid_motion")
+
+
+def made(effect: dict[str, float], *, static: bool = True, frames: int = 8) -> BulgeTest:
+    """A test from finer meshes than the diagnosis uses, with independent noise."""
+    side = np.arange(-90.0, 91.0, 9.0)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    inside = np.hypot(x, y) < 94.0
+    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+    pressure = np.linspace(0.01, 0.25, frames)
+    blank = BulgeTest.from_arrays(points, np.zeros((frames, len(points), 3)), pressure)
+    fine, finer = (
+        Specimen(blank, refine=n).predict({**MODULI, **effect}).displacement for n in (6, 9)
+    )
+    truth = finer + (finer - fine) / ((9 / 6) ** 2 - 1)  # free of mesh error to second order
+    rng = np.random.default_rng(11)
+    noise = rng.normal(size=truth.shape) * SIGMA
+    rest = rng.normal(size=(4, len(points), 3)) * SIGMA
+    return BulgeTest.from_arrays(
+        points, truth + noise, pressure, name="made", static_displacement=rest if static else None
+    )
+
+
+@pytest.fixture(scope="module")
+def offset() -> Diagnosis:
+    return diagnose(made({"pressure_offset.offset": 0.03}), effects=CANDIDATES)
+
+
+def test_a_clean_test_has_no_cause() -> None:
+    found = diagnose(made({}), effects=CANDIDATES)
+    assert found.verdict == "none"
+    assert not found.causes
+    for name, truth in MODULI.items():
+        value = found.to_dict()["parameters"]["corrected"][name]
+        assert abs(value["value"] - truth) < 4 * value["stderr"]
+
+
+def test_the_effect_is_named_with_its_size(offset: Diagnosis) -> None:
+    assert offset.verdict == "named"
+    (cause,) = offset.causes
+    assert cause.effect == "pressure_offset"
+    value = cause.parameters["offset"]
+    assert value["unit"] == "bar"
+    assert abs(value["value"] - 0.03) < 4 * value["stderr"]
+    assert value["value"] == pytest.approx(0.03, rel=0.03)
+    assert not cause.at_bound
+
+
+def test_the_gap_closes_to_the_noise_on_held_out_data(offset: Diagnosis) -> None:
+    gap = offset.to_dict()["gap"]
+    assert gap["heldout"]["explained"]["e_w"] < 1.1 * gap["noise_floor"]["e_w"]
+    assert gap["heldout"]["baseline"]["e_w"] > 2 * gap["noise_floor"]["e_w"]
+    assert gap["heldout"]["baseline"]["e_w"] >= gap["baseline"]["e_w"]
+
+
+def test_what_omission_does_to_the_moduli(offset: Diagnosis) -> None:
+    """The linear forecast agrees with the baseline's own fit in sign and size."""
+    parameters = offset.to_dict()["parameters"]
+    for name in ("E1", "E2"):
+        before = parameters["baseline"][name]["value"]
+        after = parameters["corrected"][name]["value"]
+        assert offset.causes[0].bias_if_omitted[name] == pytest.approx(
+            before / after - 1, rel=0.5, abs=0.005
+        )
+
+
+def test_without_the_true_effect_the_verdict_is_unknown() -> None:
+    found = diagnose(
+        made({"pressure_offset.offset": 0.03}), effects=("axis_misalignment", "rigid_motion")
+    )
+    assert found.verdict == "unknown"
+    assert found.to_dict()["remainder"]["where"]
+    assert all(c.partial for c in found.causes)
+
+
+def test_noise_of_static_images_and_of_the_field_agree() -> None:
+    at_rest = estimate_noise(made({}))
+    np.testing.assert_allclose(at_rest.sigma, SIGMA, rtol=0.1)
+    test = made({}, static=False)
+    modelled = Specimen(test).predict(MODULI).displacement
+    from_field = estimate_noise(test, test.blocks[0].displacement - modelled)
+    np.testing.assert_allclose(from_field.sigma, SIGMA, rtol=0.1)
+    assert at_rest.inflation < 1.5
+    assert from_field.inflation < 1.5
+
+
+def test_too_little_data_is_refused() -> None:
+    with pytest.raises(InputError, match="usable frames are too few"):
+        diagnose(made({}, frames=3))
+
+
+def test_unknown_effects_list_the_known() -> None:
+    with pytest.raises(InputError, match=r"clamp_slop unknown; choose from initial_shape"):
+        diagnose(made({}), effects=["clamp_slop"])
+
+
+def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:
+    assert offset.skipped == {"creep": "the test has no time"}
