@@ -216,7 +216,7 @@ def draw(kind: str, rng: Generator, shrink: float = 1.0) -> Draw:
     if kind not in KINDS:
         raise InputError(f"effects: {kind!r} is unknown; choose from {', '.join(KINDS)}")
     effects = _pair(rng) if kind == "two" else () if kind == "none" else (kind,)
-    smaller = 1.0 / _size(rng, 1.0, shrink) if shrink > 1.0 else 1.0
+    smaller = 1.0 / _size(rng, 1.0, shrink)
     parameters = {}
     for effect in effects:
         sizes = {**KNOWN, **FOREIGN}[effect](rng)

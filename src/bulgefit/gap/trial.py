@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -147,9 +148,9 @@ def run_trial(
             for name in seals
         ]
         done = _all(pool, _answer, jobs_of, lambda n: say(f"diagnosed {n} of {number} tests"))
-    answers = dict(zip(seals, done, strict=True))
+    answers = {name: _plain(a) for name, a in zip(seals, done, strict=True)}
     for name, answer in answers.items():
-        text = json.dumps(answer, indent=2, default=_number) + "\n"
+        text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
         atomic_write_text(folder / "answers" / f"{name}.json", text)
     records = [
         {
@@ -264,6 +265,14 @@ def _opened(folder: Path, name: str, digest: str) -> dict[str, Any]:
     return dict(json.loads(text))
 
 
-def _number(value: Any) -> Any:
-    """NumPy's numbers and arrays for JSON."""
-    return value.tolist()
+def _plain(value: Any) -> Any:
+    """What JSON can hold: no NumPy, and null for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value

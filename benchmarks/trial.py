@@ -1,0 +1,105 @@
+"""The blind trial: does the diagnosis find effects that it is not told?
+
+    python benchmarks/trial.py [--number 200] [--seed 0] [--workers 2] [--folder FOLDER]
+                               [--write docs/trial_results.md]
+
+Three runs: whole catalogue; the true effect struck from it; sizes shrunk to find what is just
+detectable. The tests of a run depend on its seed and number alone.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
+
+import argparse
+import json
+import platform
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from bulgefit.gap.made_draws import KNOWN
+from bulgefit.gap.made_tests import Recipe
+from bulgefit.gap.scoring import report
+from bulgefit.gap.trial import run_trial
+
+#: Sizes of the third run are divided by up to this.
+SHRINK = 30.0
+
+
+def runs(number: int) -> dict[str, dict[str, Any]]:
+    """Options of each run; the second and third are smaller."""
+    return {
+        "Whole catalogue": {"number": number},
+        "True effect struck": {"number": max(1, number // 4), "kinds": [*KNOWN], "strike": True},
+        f"Sizes shrunk by up to {SHRINK:g}": {
+            "number": max(1, number // 2),
+            "kinds": [*KNOWN],
+            "recipe": Recipe(shrink=SHRINK),
+        },
+    }
+
+
+def page(results: dict[str, dict[str, Any]]) -> str:
+    """All results as Markdown."""
+    parts = [
+        "# Results of the blind trial",
+        f"Made by `python benchmarks/trial.py`; Python {platform.python_version()}. What the "
+        "figures mean is told in [trial.md](trial.md).",
+    ]
+    for title, result in results.items():
+        meta = result["meta"]
+        parts += [
+            f"## {title}",
+            f"{meta['number']} tests, seed {meta['seed']}, {meta['seconds'] / 60:.0f} minutes.",
+            f"```\n{report(result['scores'])}\n```",
+        ]
+        wrong = [t for t in result["tests"] if not t["right"]]
+        if wrong:
+            parts += ["Not right:", "\n".join(_line(t) for t in wrong)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _line(test: dict[str, Any]) -> str:
+    causes = " + ".join("/".join(cause) for cause in test["causes"])
+    return (
+        f"- {test['file']}: {' + '.join(test['truth']) or 'none'} "
+        f"({test['signature_mm']:.3f} mm) answered {test['verdict']} {causes}".rstrip()
+    )
+
+
+def main() -> None:
+    """Run, and write what was found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--number", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--folder", type=Path, help="keep tests, truths and answers here")
+    parser.add_argument("--write", type=Path, help="Markdown file for the tables")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = args.folder or Path(temporary)
+        results = {}
+        for place, (title, options) in enumerate(runs(args.number).items()):
+            print(f"== {title}", file=sys.stderr, flush=True)
+            results[title] = run_trial(
+                seed=args.seed + place,
+                output=folder / f"run{place + 1}",
+                workers=args.workers,
+                say=lambda line: print(line, file=sys.stderr, flush=True),
+                **options,
+            )
+            (folder / f"run{place + 1}.json").write_text(
+                json.dumps(results[title], indent=2) + "\n", encoding="utf-8"
+            )
+            # after each run, so that an interrupted benchmark leaves what it found
+            if args.write:
+                args.write.write_text(page(results), encoding="utf-8")
+    print(page(results))
+
+
+if __name__ == "__main__":
+    main()
