@@ -31,12 +31,23 @@ import math
 
 from bulgefit.fem.jit import compiled
 
-__all__ = ["LAWS", "SLACK", "TAUT", "WRINKLED", "point_response"]
+__all__ = [
+    "LAWS",
+    "SLACK",
+    "TAUT",
+    "WRINKLED",
+    "point_response",
+    "respond",
+    "stress_sensitivity",
+]
 
 #: Laws by name; the number is what the kernels branch on.
 LAWS = {"hencky": 0, "svk": 1}
 
 TAUT, WRINKLED, SLACK = 0, 1, 2
+
+#: W, S and CC of a point without stress.
+_NOTHING = (0.0,) * 10
 
 _SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
 
@@ -58,7 +69,7 @@ def _log_coefficient(m, s):
         g_ss = phi_2 / m**5
     else:
         d = math.sqrt(s)
-        g = math.atanh(d / m) / d
+        g = 0.5 * math.log((m + d) / (m - d)) / d
         g_s = (m / det - g) / (2.0 * s)
         g_ss = (m / (det * det) - 3.0 * g_s) / (2.0 * s)
     return g, -1.0 / det, g_s, 2.0 * m / (det * det), -1.0 / (det * det), g_ss
@@ -66,14 +77,32 @@ def _log_coefficient(m, s):
 
 @compiled
 def _strain(c11, c22, c12, law):
-    """Strain (e11, e22, 2 e12) of C in the law's measure."""
+    """Strain (e11, e22, 2 e12) of C in the law's measure, and its derivatives.
+
+    The derivatives ∂e_i/∂E_j, row by row, take a stress T that is conjugate to e to
+    S_j = Σ T_i ∂e_i/∂E_j; E is Green's strain, its shear the engineering one.
+    """
     if law == 1:
-        return 0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12
-    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
-    s = h * h + c12 * c12
-    g = _log_coefficient(m, s)[0]
-    area = 0.5 * math.log(m * m - s)
-    return 0.5 * (area + g * h), 0.5 * (area - g * h), g * c12
+        return (
+            0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12,
+            1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0,
+        )  # fmt: skip
+    m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
+    s = h * h + k * k
+    det = m * m - s
+    g, g_m, g_s, _, _, _ = _log_coefficient(m, s)
+    area = 0.5 * math.log(det)
+    # derivatives of A, B, G as in `_response`, in m, h and k
+    gh, gk = 2.0 * h * g_s, 2.0 * k * g_s
+    a_m, a_h, a_k = m / det, -h / det, -k / det
+    b_m, b_h, b_k = g_m * h, g + gh * h, gk * h
+    c_m, c_h, c_k = g_m * k, gh * k, g + gk * k
+    return (
+        0.5 * (area + g * h), 0.5 * (area - g * h), g * k,
+        0.5 * (a_m + a_h + b_m + b_h), 0.5 * (a_m - a_h + b_m - b_h), 0.5 * (a_k + b_k),
+        0.5 * (a_m + a_h - b_m - b_h), 0.5 * (a_m - a_h - b_m + b_h), 0.5 * (a_k - b_k),
+        c_m + c_h, c_m - c_h, c_k,
+    )  # fmt: skip
 
 
 @compiled
@@ -98,21 +127,13 @@ def _potential(e1, e2, e3, q):
 
 
 @compiled
-def _energy(c11, c22, c12, q, law):
-    e1, e2, e3 = _strain(c11, c22, c12, law)
-    return _potential(e1, e2, e3, q)[0]
-
-
-@compiled
-def _response(c11, c22, c12, q, law, out):
-    """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23) into `out` (10,)."""
+def _response(c11, c22, c12, q, law, with_tangent):
+    """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23); CC is zero unless asked for."""
     if law == 1:
         psi, t1, t2, t3, h11, h22, h33, h12 = _potential(
             0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
         )
-        out[0], out[1], out[2], out[3] = psi, t1, t2, t3
-        out[4], out[5], out[6], out[7], out[8], out[9] = h11, h22, h33, h12, 0.0, 0.0
-        return
+        return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k
     det = m * m - s
@@ -134,6 +155,8 @@ def _response(c11, c22, c12, q, law, out):
     w_m = ta * a_m + tb * b_m + t3 * c_m
     w_h = ta * a_h + tb * b_h + t3 * c_h
     w_k = ta * a_k + tb * b_k + t3 * c_k
+    if not with_tangent:
+        return psi, w_m + w_h, w_m - w_h, w_k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # second derivatives
     det2 = det * det
     a_mm, a_hh, a_kk = -(m * m + s) / det2, -(det + 2 * h * h) / det2, -(det + 2 * k * k) / det2
@@ -161,13 +184,11 @@ def _response(c11, c22, c12, q, law, out):
     w_hk = a_h * pa_k + b_h * pb_k + h33 * c_h * c_k + ta * a_hk + tb * b_hk + t3 * c_hk
 
     # dm = dE11 + dE22, dh = dE11 - dE22, dk = 2 dE12
-    out[0], out[1], out[2], out[3] = psi, w_m + w_h, w_m - w_h, w_k
-    out[4] = w_mm + w_hh + 2.0 * w_mh
-    out[5] = w_mm + w_hh - 2.0 * w_mh
-    out[6] = w_kk
-    out[7] = w_mm - w_hh
-    out[8] = w_mk + w_hk
-    out[9] = w_mk - w_hk
+    return (
+        psi, w_m + w_h, w_m - w_h, w_k,
+        w_mm + w_hh + 2.0 * w_mh, w_mm + w_hh - 2.0 * w_mh, w_kk,
+        w_mm - w_hh, w_mk + w_hk, w_mk - w_hk,
+    )  # fmt: skip
 
 
 @compiled
@@ -181,32 +202,42 @@ def _is_slack(c11, c22, c12, q, law):
 
 
 @compiled
-def _wrinkle(c11, c22, c12, q, law, out):
-    """Minimise W(C + a⊗a) over a by Newton's method; `out` ends at the minimum.
+def _wrinkle(c11, c22, c12, q, law, at):
+    """Minimise W(C + a⊗a) over a by Newton's method.
 
-    Returns a1, a2 and whether it converged.
+    Parameters
+    ----------
+    at : tuple
+        `_response` at C.
+
+    Returns
+    -------
+    converged : bool
+    a1, a2 : float
+    at : tuple
+        `_response` at the minimum.
     """
     # Start: most compressed direction n of S, and the amplitude that frees it to first order.
-    s11, s22, s12 = out[1], out[2], out[3]
+    s11, s22, s12 = at[1], at[2], at[3]
     angle = 0.5 * math.atan2(2.0 * s12, s11 - s22) + 0.5 * math.pi
     n1, n2 = math.cos(angle), math.sin(angle)
     snn = s11 * n1 * n1 + s22 * n2 * n2 + 2.0 * s12 * n1 * n2
     v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
     cnn = (
-        out[4] * v1 * v1 + out[5] * v2 * v2 + 4.0 * out[6] * v3 * v3
-        + 2.0 * out[7] * v1 * v2 + 4.0 * out[8] * v1 * v3 + 4.0 * out[9] * v2 * v3
+        at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
+        + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
     )  # fmt: skip
     amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
     a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
-    _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law, out)
+    at = _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law, True)
     for _ in range(60):
-        r1 = out[1] * a1 + out[3] * a2
-        r2 = out[3] * a1 + out[2] * a2
+        r1 = at[1] * a1 + at[3] * a2
+        r2 = at[3] * a1 + at[2] * a2
         norm_a = math.hypot(a1, a2)
         if math.hypot(r1, r2) <= 1e-13 * scale * norm_a:
-            return a1, a2, True
-        m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
+            return True, a1, a2, at
+        m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
         # Newton only where the Hessian is positive definite, else with a shift that makes it so
         low = 0.5 * (m11 + m22) - math.hypot(0.5 * (m11 - m22), m12)
         high = 0.5 * (m11 + m22) + math.hypot(0.5 * (m11 - m22), m12)
@@ -215,54 +246,86 @@ def _wrinkle(c11, c22, c12, q, law, out):
         det = m11 * m22 - m12 * m12
         d1 = -(m22 * r1 - m12 * r2) / det
         d2 = -(m11 * r2 - m12 * r1) / det
-        energy = out[0]
+        energy = at[0]
         slope = r1 * d1 + r2 * d2
         step = 1.0
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
-            _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, out)
+            at = _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, True)
             # strains carry a rounding error of 1e-16, and the energy with them
-            if out[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
+            if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
             step *= 0.5
         a1, a2 = b1, b2
         if step * math.hypot(d1, d2) <= 1e-12 * norm_a:
-            return a1, a2, True
-    return a1, a2, False
+            return True, a1, a2, at
+    return False, a1, a2, at
 
 
 @compiled
-def _wrinkle_hessian(a1, a2, out):
-    """∂²W/∂a∂a = S + BᵀCC B with B = ∂E/∂a of E + ½ a⊗a."""
-    p11 = out[4] * a1 + out[8] * a2  # CC B, column 1 = (a1, 0, a2)
-    p21 = out[7] * a1 + out[9] * a2
-    p31 = out[8] * a1 + out[6] * a2
-    p22 = out[5] * a2 + out[9] * a1  # column 2 = (0, a2, a1)
-    p32 = out[9] * a2 + out[6] * a1
-    m11 = out[1] + a1 * p11 + a2 * p31
-    m22 = out[2] + a2 * p22 + a1 * p32
-    m12 = out[3] + a2 * p21 + a1 * p31
-    return m11, m22, m12
+def _wrinkle_stiffness(a1, a2, at):
+    """CC B with B = ∂E/∂a of E + ½ a⊗a: its columns for a1 and a2, each (3,)."""
+    return (
+        at[4] * a1 + at[8] * a2, at[7] * a1 + at[9] * a2, at[8] * a1 + at[6] * a2,
+        at[7] * a2 + at[8] * a1, at[5] * a2 + at[9] * a1, at[9] * a2 + at[6] * a1,
+    )  # fmt: skip
 
 
 @compiled
-def _condense(a1, a2, out):
-    """Take the wrinkle out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC, in place."""
-    m11, m22, m12 = _wrinkle_hessian(a1, a2, out)
+def _wrinkle_hessian(a1, a2, at):
+    """∂²W/∂a∂a = S + BᵀCC B: components 11, 22, 12."""
+    x1, y1, z1, _, y2, z2 = _wrinkle_stiffness(a1, a2, at)
+    return at[1] + a1 * x1 + a2 * z1, at[2] + a2 * y2 + a1 * z2, at[3] + a2 * y1 + a1 * z1
+
+
+@compiled
+def _condense(a1, a2, at):
+    """`at` with the wrinkle taken out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC."""
+    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
     det = m11 * m22 - m12 * m12
     i11, i22, i12 = m22 / det, m11 / det, -m12 / det
-    x1 = out[4] * a1 + out[8] * a2
-    y1 = out[7] * a1 + out[9] * a2
-    z1 = out[8] * a1 + out[6] * a2
-    x2 = out[7] * a2 + out[8] * a1
-    y2 = out[5] * a2 + out[9] * a1
-    z2 = out[9] * a2 + out[6] * a1
-    out[4] -= i11 * x1 * x1 + i22 * x2 * x2 + 2.0 * i12 * x1 * x2
-    out[5] -= i11 * y1 * y1 + i22 * y2 * y2 + 2.0 * i12 * y1 * y2
-    out[6] -= i11 * z1 * z1 + i22 * z2 * z2 + 2.0 * i12 * z1 * z2
-    out[7] -= i11 * x1 * y1 + i22 * x2 * y2 + i12 * (x1 * y2 + x2 * y1)
-    out[8] -= i11 * x1 * z1 + i22 * x2 * z2 + i12 * (x1 * z2 + x2 * z1)
-    out[9] -= i11 * y1 * z1 + i22 * y2 * z2 + i12 * (y1 * z2 + y2 * z1)
+    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
+    return (
+        at[0], at[1], at[2], at[3],
+        at[4] - (i11 * x1 * x1 + i22 * x2 * x2 + 2.0 * i12 * x1 * x2),
+        at[5] - (i11 * y1 * y1 + i22 * y2 * y2 + 2.0 * i12 * y1 * y2),
+        at[6] - (i11 * z1 * z1 + i22 * z2 * z2 + 2.0 * i12 * z1 * z2),
+        at[7] - (i11 * x1 * y1 + i22 * x2 * y2 + i12 * (x1 * y2 + x2 * y1)),
+        at[8] - (i11 * x1 * z1 + i22 * x2 * z2 + i12 * (x1 * z2 + x2 * z1)),
+        at[9] - (i11 * y1 * z1 + i22 * y2 * z2 + i12 * (y1 * z2 + y2 * z1)),
+    )  # fmt: skip
+
+
+@compiled
+def _is_compressed(at, q):
+    """True where the lower principal stress is negative, beyond rounding."""
+    low = 0.5 * (at[1] + at[2]) - math.hypot(0.5 * (at[1] - at[2]), at[3])
+    return low < -1e-13 * (q[0] + q[1])
+
+
+@compiled
+def _relaxed(c11, c22, c12, q, law):
+    """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
+    at = _response(c11, c22, c12, q, law, True)
+    converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
+    return (WRINKLED if converged else -1), a1, a2, at
+
+
+@compiled
+def respond(c11, c22, c12, q, law, relax, with_tangent):
+    """State of a material point, and W, S (3), CC (6), as `point_response` explains them.
+
+    The tangent is right only if it is asked for.
+    """
+    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
+        return -1, _NOTHING
+    if relax and _is_slack(c11, c22, c12, q, law):
+        return SLACK, _NOTHING
+    at = _response(c11, c22, c12, q, law, with_tangent)
+    if not relax or not _is_compressed(at, q):
+        return TAUT, at
+    state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
+    return state, _condense(a1, a2, at)
 
 
 @compiled
@@ -287,80 +350,65 @@ def point_response(c11, c22, c12, q, law, relax, out):
     state : int
         TAUT, WRINKLED or SLACK; -1 where C is not positive definite.
     """
-    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
-        return -1
-    if relax and _is_slack(c11, c22, c12, q, law):
-        out[:] = 0.0
-        return SLACK
-    _response(c11, c22, c12, q, law, out)
-    if not relax:
-        return TAUT
-    compression = 0.5 * (out[1] + out[2]) - math.hypot(0.5 * (out[1] - out[2]), out[3])
-    if compression >= -1e-13 * (q[0] + q[1]):
-        return TAUT
-    a1, a2, converged = _wrinkle(c11, c22, c12, q, law, out)
-    if not converged:
-        return -1
-    _condense(a1, a2, out)
-    return WRINKLED
+    state, at = respond(c11, c22, c12, q, law, relax, True)
+    for i in range(10):
+        out[i] = at[i]
+    return state
 
 
 @compiled
-def stress_sensitivity(c11, c22, c12, q, law, relax, work, unit, out):
+def stress_sensitivity(c11, c22, c12, q, law, relax):
     """∂S/∂D at fixed C for the four stiffness components.
 
-    The stress is linear in D at the wrinkled state C* = C + a⊗a, which itself moves with D:
-    ∂S_r/∂D = S_D - CC B (∂²W/∂a²)⁻¹ Bᵀ S_D.
-
-    Parameters
-    ----------
-    work : (10,) array
-    unit : (8,) array
-        Scratch.
-    out : (4, 3) array
-        Filled with ∂(S11, S22, S12)/∂(D11, D22, D12, D33), 1.
+    With e the elastic strain and P = ∂e/∂E, S = Pᵀ D e. The stress is linear in D at the wrinkled
+    state C* = C + a⊗a, which itself moves with D: ∂S_r/∂D = S_D - CC B (∂²W/∂a²)⁻¹ Bᵀ S_D.
 
     Returns
     -------
     state : int
         As `point_response`.
+    sensitivity : tuple of 4 tuples
+        ∂(S11, S22, S12)/∂ each of D11, D22, D12, D33, 1.
     """
+    zero = (0.0, 0.0, 0.0)
+    nothing = (zero, zero, zero, zero)
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
-        return -1
-    out[:] = 0.0
+        return -1, nothing
     if relax and _is_slack(c11, c22, c12, q, law):
-        return SLACK
-    _response(c11, c22, c12, q, law, work)
-    a1, a2 = 0.0, 0.0
-    state = TAUT
-    if relax:
-        low = 0.5 * (work[1] + work[2]) - math.hypot(0.5 * (work[1] - work[2]), work[3])
-        if low < -1e-13 * (q[0] + q[1]):
-            a1, a2, converged = _wrinkle(c11, c22, c12, q, law, work)
-            if not converged:
-                return -1
-            state = WRINKLED
-    if state == WRINKLED:
-        m11, m22, m12 = _wrinkle_hessian(a1, a2, work)
-        det = m11 * m22 - m12 * m12
-        p11 = work[4] * a1 + work[8] * a2
-        p21 = work[7] * a1 + work[9] * a2
-        p31 = work[8] * a1 + work[6] * a2
-        p12 = work[7] * a2 + work[8] * a1
-        p22 = work[5] * a2 + work[9] * a1
-        p32 = work[9] * a2 + work[6] * a1
-    for i in range(4):
-        unit[:] = 0.0
-        unit[i] = 1.0
-        unit[4], unit[5] = q[4], q[5]
-        _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, unit, law, work)
-        s1, s2, s3 = work[1], work[2], work[3]
-        if state == WRINKLED:
-            r1, r2 = s1 * a1 + s3 * a2, s3 * a1 + s2 * a2
-            d1 = (m22 * r1 - m12 * r2) / det
-            d2 = (m11 * r2 - m12 * r1) / det
-            s1 -= p11 * d1 + p12 * d2
-            s2 -= p21 * d1 + p22 * d2
-            s3 -= p31 * d1 + p32 * d2
-        out[i, 0], out[i, 1], out[i, 2] = s1, s2, s3
-    return state
+        return SLACK, nothing
+    if relax and _is_compressed(_response(c11, c22, c12, q, law, False), q):
+        state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
+        by_stiffness = _stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
+        return state, (
+            _take_out(a1, a2, at, by_stiffness[0]),
+            _take_out(a1, a2, at, by_stiffness[1]),
+            _take_out(a1, a2, at, by_stiffness[2]),
+            _take_out(a1, a2, at, by_stiffness[3]),
+        )
+    return TAUT, _stress_by_stiffness(c11, c22, c12, q, law)
+
+
+@compiled
+def _stress_by_stiffness(c11, c22, c12, q, law):
+    """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33 of the unrelaxed law."""
+    e1, e2, e3, p11, p12, p13, p21, p22, p23, p31, p32, p33 = _strain(c11, c22, c12, law)
+    e1, e2 = e1 - q[4], e2 - q[5]
+    return (
+        (e1 * p11, e1 * p12, e1 * p13),
+        (e2 * p21, e2 * p22, e2 * p23),
+        (e2 * p11 + e1 * p21, e2 * p12 + e1 * p22, e2 * p13 + e1 * p23),
+        (e3 * p31, e3 * p32, e3 * p33),
+    )
+
+
+@compiled
+def _take_out(a1, a2, at, stress):
+    """A change of stress at fixed wrinkle, less what the wrinkle's own change relieves."""
+    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
+    det = m11 * m22 - m12 * m12
+    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
+    s1, s2, s3 = stress
+    r1, r2 = s1 * a1 + s3 * a2, s3 * a1 + s2 * a2
+    d1 = (m22 * r1 - m12 * r2) / det
+    d2 = (m11 * r2 - m12 * r1) / det
+    return s1 - x1 * d1 - x2 * d2, s2 - y1 * d1 - y2 * d2, s3 - z1 * d1 - z2 * d2

@@ -162,11 +162,11 @@ class Membrane:
     ) -> State:
         """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
         residual = np.empty_like(self.reference)
-        data = np.empty(self.linear.length if tangent else 1)
+        data = np.empty(self.linear.length if tangent else 0)
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             self._law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, residual, data, tangent,
+            self.linear.scatter, residual, data,
         )  # fmt: skip
         if self.clamp is not None:
             potential += self.clamp.add(displacement, residual, data if tangent else None)
@@ -191,9 +191,9 @@ class Membrane:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")
         return self.gather(out)
 
-    def _law_parameters(self, stiffness: Floats) -> Floats:
-        """What the kernels call q, (8,)."""
-        return np.concatenate([stiffness, self.fabric.slack, self.fabric.gain])
+    def _law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
+        """What the kernels call q: eight numbers."""
+        return tuple(float(v) for v in (*stiffness, *self.fabric.slack, *self.fabric.gain))
 
     def factorise(self, state: State, shift: float = 0.0) -> Factor:
         """Factor of the state's tangent; raises NotPositiveDefiniteError."""

@@ -71,8 +71,7 @@ class Path:
 
     def __call__(self, pressure: ArrayLike) -> Floats:
         """Displacement (k, n, 3) mm at pressures (k,) MPa: the dense output."""
-        value, slope = self.weights(pressure)
-        return _combine(value, self.displacement) + _combine(slope, self.slope)
+        return _combine(self.weights(pressure), self.displacement, self.slope)
 
     def linear(self, pressure: ArrayLike, levels: ArrayLike) -> Floats:
         """Displacement (k, n, 3) mm, linear between `levels` (MPa) as the study interpolates."""
@@ -93,11 +92,10 @@ class Path:
         """∂u/∂(D11, D22, D12, D33) at pressures (k,) MPa: (4, k, n, 3) mm/MPa."""
         if self.sensitivity is None or self.sensitivity_slope is None:
             raise ValueError("the path was traced without sensitivities")
-        value, slope = self.weights(pressure)
+        weights = self.weights(pressure)
         return np.stack(
             [
-                _combine(value, self.sensitivity[:, j])
-                + _combine(slope, self.sensitivity_slope[:, j])
+                _combine(weights, self.sensitivity[:, j], self.sensitivity_slope[:, j])
                 for j in range(4)
             ]
         )
@@ -118,42 +116,49 @@ class Path:
         return np.clip(p, low, high)
 
 
-def _combine(weights: Floats, levels: Floats) -> Floats:
-    """Σ over levels of (3, k, levels) weights times (levels, n, 3): (k, n, 3)."""
-    return np.stack([weights[i] @ levels[..., i] for i in range(3)], axis=-1)
+def _combine(weights: tuple[Floats, Floats], values: Floats, slopes: Floats) -> Floats:
+    """Σ over levels of weights (3, k, levels) times values and slopes (levels, n, 3): (k, n, 3)."""
+    both = np.concatenate(weights, axis=2)
+    levels = np.concatenate([values, slopes])
+    # the weights of dx and dy are the same: they have one parity
+    out = both[0] @ levels.reshape(len(levels), -1)
+    out = out.reshape(len(out), *levels.shape[1:])
+    out[:, :, 2] = both[2] @ levels[:, :, 2]
+    return out
 
 
-def _nearest(knots: Floats, x: float, width: int) -> slice:
-    """The `width` consecutive knots closest to the interval that holds x.
+def _nearest(knots: Floats, x: Floats, width: int) -> NDArray[np.int64]:
+    """First of the `width` consecutive knots closest to the interval that holds each x.
 
     The choice depends on the interval alone, so the dense output is continuous.
     """
     count = len(knots)
     if count <= width:
-        return slice(0, count)
-    left = min(max(int(np.searchsorted(knots, x, side="right")) - 1, 0), count - 2)
-    middle = 0.5 * (knots[left] + knots[left + 1])
-    first = range(max(0, left + 2 - width), min(left, count - width) + 1)
-    best = min(first, key=lambda i: max(middle - knots[i], knots[i + width - 1] - middle))
-    return slice(best, best + width)
+        return np.zeros(len(x), dtype=np.int64)
+    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, count - 2)
+    first = np.empty_like(left)
+    for k in set(left.tolist()):
+        middle = 0.5 * (knots[k] + knots[k + 1])
+        choice = range(max(0, k + 2 - width), min(k, count - width) + 1)
+        first[left == k] = min(
+            choice, key=lambda i: max(middle - knots[i], knots[i + width - 1] - middle)
+        )
+    return first
 
 
-def _basis(knots: Floats) -> tuple[Floats, Floats]:
-    """Products and sums over the other knots, for Lagrange's basis."""
+def hermite(knots: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Weights (k, knots) of values and slopes at `knots` in the polynomial that takes both, at x.
+
+    With Lagrange's basis l_i, the weights are (1 - 2 (x - s_i) l_i'(s_i)) l_i² and (x - s_i) l_i².
+    """
     gaps = knots[:, None] - knots[None, :]
     np.fill_diagonal(gaps, 1.0)
-    inverse = 1.0 / gaps
-    np.fill_diagonal(inverse, 0.0)
-    return 1.0 / gaps.prod(axis=1), inverse.sum(axis=1)
-
-
-def hermite(knots: Floats, x: float) -> tuple[Floats, Floats]:
-    """Weights of values and slopes at `knots` in the polynomial that takes both, at x."""
-    scale, derivative = _basis(knots)
-    differences = np.broadcast_to(x - knots, (len(knots), len(knots))).copy()
-    np.fill_diagonal(differences, 1.0)
-    square = (scale * differences.prod(axis=1)) ** 2
-    return (1.0 - 2.0 * (x - knots) * derivative) * square, (x - knots) * square
+    derivative = (1.0 / gaps).sum(axis=1) - 1.0
+    away = x[:, None] - knots
+    others = np.repeat(away[:, None, :], len(knots), axis=1)
+    others[:, np.arange(len(knots)), np.arange(len(knots))] = 1.0
+    square = (others.prod(axis=2) / gaps.prod(axis=1)) ** 2
+    return (1.0 - 2.0 * away * derivative) * square, away * square
 
 
 def hermite_weights(
@@ -176,9 +181,10 @@ def hermite_weights(
     images = min(count, stencil // 2) if mirrored else 0
     knots = np.concatenate([-s[:images][::-1], s])
     value, slope = np.zeros((2, len(at), len(knots)))
-    for k, x in enumerate(at):
-        near = _nearest(knots, x, stencil)
-        value[k, near], slope[k, near] = hermite(knots[near], x)
+    first = _nearest(knots, at, stencil)
+    for i in np.unique(first):
+        near, here = slice(i, i + stencil), first == i
+        value[here, near], slope[here, near] = hermite(knots[near], at[here])
     # fold the mirror images back: u(-s) = ±u(s), ∂u/∂s(-s) = ∓∂u/∂s(s)
     image_value, image_slope = value[:, :images][:, ::-1], slope[:, :images][:, ::-1]
     value = np.broadcast_to(value[:, images:], (3, len(at), count)).copy()

@@ -1,0 +1,60 @@
+"""Are compiled kernels kept, and dropped when a source that went into them changes?"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numba import njit
+
+import bulgefit
+from bulgefit.fem import jit
+
+#: A kernel that is quick to compile, but stamped like the others.
+SCRIPT = """
+import numpy as np
+from bulgefit.fem.kernels import assemble_pressure
+assert not assemble_pressure.signatures, "compiled at import"
+x = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+assemble_pressure(x, np.array([[0, 1, 2, 3]]), np.empty((4, 3)))
+print(sum(assemble_pressure.stats.cache_hits.values()))
+"""
+
+
+def hits(source: Path, cache: Path) -> int:
+    """How often a fresh process finds the kernel in the cache."""
+    environment = {**os.environ, "PYTHONPATH": str(source), "NUMBA_CACHE_DIR": str(cache)}
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+    )
+    return int(run.stdout)
+
+
+def test_cache_notices_edits_of_other_files(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    package = Path(bulgefit.__file__).parent
+    shutil.copytree(
+        package / "fem", source / "bulgefit/fem", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for name in ("errors.py", "threads.py"):
+        shutil.copy(package / name, source / "bulgefit" / name)
+    (source / "bulgefit/__init__.py").touch()
+    cache = tmp_path / "cache"
+    assert [hits(source, cache), hits(source, cache)] == [0, 1]
+    laws = source / "bulgefit/fem/laws.py"
+    laws.write_text(laws.read_text() + "# edited\n")
+    assert [hits(source, cache), hits(source, cache)] == [0, 1]
+
+
+def test_runs_without_a_folder_to_cache_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*, cache: bool = False, **options: object) -> object:
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return njit(**options)
+
+    monkeypatch.setattr(jit, "njit", refuse)
+    assert jit.compiled(lambda x: x + 1.0)(1.0) == 2.0
