@@ -125,7 +125,7 @@ def draw_points(panel: Any, data: Data, values: Floats, low: float, high: float,
     from scipy.spatial import KDTree
 
     radius, points = data.specimen.test.radius, data.specimen.reference[:, :2]
-    reach = 0.8 * min(_figure.point_spacing(data.specimen.reference), 0.3 * radius)
+    reach = 0.9 * min(_figure.point_spacing(data.specimen.reference), 0.3 * radius)
     axis = radius * (np.arange(_PIXELS) + 0.5 - 0.5 * _PIXELS) / (0.5 * _PIXELS)
     away, nearest = KDTree(points).query(np.stack(np.meshgrid(axis, axis), axis=-1))
     drawn = panel.imshow(
