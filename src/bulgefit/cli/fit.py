@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _inverse
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit fit test1.npz\n"
         "  bulgefit fit test1.npz test2.npz --objective e --plots figures\n"
         "  bulgefit fit test1.npz --material isotropic --bounds E=100:400 --json result.json\n"
-        "  bulgefit fit test1.npz --free nu12 --method L-BFGS-B --starts 10 --seed 3"
+        "  bulgefit fit test1.npz --free nu12 --method L-BFGS-B --starts 10 --seed 3\n"
+        "  bulgefit fit test1.npz --cross-table"
     )
     add_tests_argument(parser)
     _inverse.add_search_arguments(parser)
@@ -46,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plots",
         metavar="FOLDER",
         help="draw profiles and residual maps of every test into this folder (made if needed)",
+    )
+    parser.add_argument(
+        "--cross-table",
+        action="store_true",
+        help="also fit the other objectives, and give each objective (mm) under each optimum and "
+        "of a model that does not deform (default: the one fit)",
     )
 
 
@@ -65,13 +72,47 @@ def run(args: argparse.Namespace) -> int:
         f"{args.starts} starts",
     )
     result = fit(tests, args.objective, **options)
+    payload = result.to_dict()
+    if args.cross_table:
+        payload["cross_table"] = _cross_table(args, result, tests, options)
     if args.json is not None:
-        _common.write_json(result.to_dict(), args.json, args.force)
+        _common.write_json(payload, args.json, args.force)
     if not _common.prints_json(args):
         print(result.report())
+        if args.cross_table:
+            print(_cross_lines(payload["cross_table"]))
     if figures:
         _draw(args, result, options["setup"], tests, figures)
     return 0
+
+
+def _cross_table(
+    args: argparse.Namespace, result: FitResult, tests: list[BulgeTest], options: dict[str, Any]
+) -> dict[str, dict[str, float | None]]:
+    """Each objective under each objective's optimum, mm."""
+    from bulgefit.inverse.evaluate import cross_table
+    from bulgefit.inverse.fit import fit
+    from bulgefit.inverse.objective import OBJECTIVES
+
+    optima = {}
+    for name in OBJECTIVES:
+        if name != args.objective:
+            _common.progress(args, f"fitting {name} for the cross table")
+        found = result if name == args.objective else fit(tests, name, **options)
+        optima[f"optimum of {name}"] = found.material
+    compared = {key: options[key] for key in ("weight", "average", "setup")}
+    return cross_table(tests, optima, **compared)
+
+
+def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:
+    heads = list(next(iter(table.values())))
+    rows = ["mm".ljust(28) + "".join(f"{h:>10}" for h in heads)]
+    rows += [
+        name.ljust(28)
+        + "".join(f"{'-' if v is None else format(v, '.4f'):>10}" for v in values.values())
+        for name, values in table.items()
+    ]
+    return "\n".join(rows)
 
 
 def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path, Path]]:
