@@ -123,7 +123,7 @@ def apart(**job: Any) -> dict[str, Any]:
     told = subprocess.run(
         [sys.executable, __file__, "--run", json.dumps(job | {"file": str(job["file"])})],
         check=True,
-        capture_output=True,
+        stdout=subprocess.PIPE,
         text=True,
     )
     return json.loads(told.stdout.splitlines()[-1])
