@@ -137,7 +137,7 @@ def test_every_known_effect_is_listed(folder, untouched, capsys):
     ("message", "options"),
     [
         ("few: 3 usable frames are too few to judge a gap; 5 or more", {"frames": 3}),
-        ("few: 0 usable frames are too few to judge a gap; 5 or more", {"spacing": 30.0}),
+        ("points are too few to judge a gap; 60 or more", {"spacing": 30.0}),
     ],
 )
 def test_too_little_to_judge(folder, capsys, message, options):

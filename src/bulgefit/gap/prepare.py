@@ -58,19 +58,26 @@ def prepare(test: BulgeTest, law: str = "hencky") -> Prepared:
         Too few points or frames to judge.
     """
     test = _one_block(test)
+    (block,) = test.blocks
+    points = int(block.measured.any(axis=0).sum())
+    if points < LEAST_POINTS:
+        raise InputError(
+            f"{test.name}: {points} points are too few to judge a gap; "
+            f"{LEAST_POINTS} or more are needed"
+        )
     frames, rough_from = _usable_frames(test)
     if len(frames) < LEAST_FRAMES:
+        dropped = (
+            f" (those from {rough_from:.3g} bar on deform in bands and were left out)"
+            if rough_from is not None
+            else ""
+        )
         raise InputError(
             f"{test.name}: {len(frames)} usable frames are too few to judge a gap; "
-            f"{LEAST_FRAMES} or more are needed"
+            f"{LEAST_FRAMES} or more are needed{dropped}"
         )
     test = _thinned(test.select(frames=frames))
     (block,) = test.blocks
-    if block.measured.any(axis=0).sum() < LEAST_POINTS:
-        raise InputError(
-            f"{test.name}: {block.measured.any(axis=0).sum()} points are too few to judge a gap; "
-            f"{LEAST_POINTS} or more are needed"
-        )
     noise = estimate_noise(test)
     specimen = Specimen(test, refine=COARSE, law=law)
     used = np.isfinite(block.displacement)
