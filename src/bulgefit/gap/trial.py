@@ -137,21 +137,13 @@ def run_trial(
     recipe = recipe or Recipe()
     with _pool(executor, workers) as pool:
         jobs = [(str(folder), i, kind, seed, recipe) for i, kind in enumerate(chosen)]
-        made = _all(pool, _make, jobs, lambda n: say(f"made {n} of {number} tests"))
+        made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
     seals = {name: digest for name, digest, _ in made}
     _write_seals(folder, seals, say)
     struck = {name: effects if strike else [] for name, _, effects in made}
     # not the processes that made the tests
     with _pool(executor, workers) as pool:
-        jobs_of = [
-            (str(folder / "tests" / f"{name}.npz"), dict(options or {}), struck[name], diagnose)
-            for name in seals
-        ]
-        done = _all(pool, _answer, jobs_of, lambda n: say(f"diagnosed {n} of {number} tests"))
-    answers = {name: _plain(a) for name, a in zip(seals, done, strict=True)}
-    for name, answer in answers.items():
-        text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
-        atomic_write_text(folder / "answers" / f"{name}.json", text)
+        answers = _answers(pool, folder, struck, dict(options or {}), diagnose, say)
     records = [
         {
             "file": f"{name}.npz",
@@ -190,7 +182,7 @@ def diagnose_file(
             answer = diagnose([read_test(path)], **options).to_dict()
     except (BulgefitError, ArithmeticError, ValueError, IndexError, KeyError) as error:
         answer = {"verdict": "failed", "error": f"{type(error).__name__}: {error}"}
-    return {**answer, "seconds": time.perf_counter() - start}
+    return dict(_plain({**answer, "seconds": time.perf_counter() - start}))
 
 
 @contextmanager
@@ -237,14 +229,38 @@ def _answer(job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict
     return diagnose_file(path, options, diagnose)
 
 
+def _answers(
+    pool: Executor,
+    folder: Path,
+    struck: Mapping[str, list[str]],
+    options: dict[str, Any],
+    diagnose: Diagnose | None,
+    say: Callable[[str], None],
+) -> dict[str, dict[str, Any]]:
+    """Diagnose all tests; each answer is written as soon as it is there."""
+    names = list(struck)
+    jobs = [
+        (str(folder / "tests" / f"{name}.npz"), options, struck[name], diagnose) for name in names
+    ]
+
+    def keep(number: int, index: int, answer: dict[str, Any]) -> None:
+        text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
+        atomic_write_text(folder / "answers" / f"{names[index]}.json", text)
+        say(f"diagnosed {number} of {len(names)} tests, {answer['seconds']:.0f} s")
+
+    return dict(zip(names, _all(pool, _answer, jobs, keep), strict=True))
+
+
 def _all(
-    pool: Executor, work: Callable[[Any], Any], jobs: Sequence[Any], tell: Callable[[int], None]
+    pool: Executor,
+    work: Callable[[Any], Any],
+    jobs: Sequence[Any],
+    tell: Callable[[int, int, Any], None],
 ) -> list[Any]:
-    """Results in the order of the jobs."""
-    futures = [pool.submit(work, job) for job in jobs]
+    """Results in the order of the jobs; `tell` gets number done, index and result of each."""
+    futures = {pool.submit(work, job): index for index, job in enumerate(jobs)}
     for number, future in enumerate(as_completed(futures), 1):
-        future.result()
-        tell(number)
+        tell(number, futures[future], future.result())
     return [future.result() for future in futures]
 
 
