@@ -7,7 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.inverse.objective import Objective, TestParts
+from bulgefit.errors import SolveError
+from bulgefit.inverse.objective import OBJECTIVES, Objective, TestParts
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Setup
@@ -65,13 +66,25 @@ def cross_table(
     ----------
     optima : mapping of name to Material
         Usually the optimum of each objective.
+
+    Returns
+    -------
+    dict
+        A row of e, e_w and e_z for each optimum; None where it finds no equilibrium at the tests'
+        pressures.
     """
     objective = _objective(tests, weight, average, setup)
+
+    def row(material: Material) -> dict[str, float | None]:
+        try:
+            fields = objective.virtual.fields(material)
+        except SolveError:
+            # an optimum over fewer pressures need not reach those of this table
+            return dict.fromkeys(OBJECTIVES)
+        return objective.combined(objective.parts(fields))
+
     with one_blas_thread():
-        table = {
-            name: objective.combined(objective.parts(objective.virtual.fields(material)))
-            for name, material in optima.items()
-        }
+        table = {name: row(material) for name, material in optima.items()}
     return table | {"undeformed": objective.combined(objective.parts(objective.resting()))}
 
 
