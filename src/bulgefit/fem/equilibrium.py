@@ -16,10 +16,12 @@ Floats = NDArray[np.float64]
 
 #: Corrections (mm, for a radius of 100 mm) below which a shape counts as balanced.
 CORRECTION = 1e-9
+#: Steps (mm, for a radius of 100 mm) up to which a tangent that is kept may be off its balance.
+KEPT_WITHIN = 1e-4
 #: Iterations from a rough guess, and from the prediction of a path.
 FROM_AFAR, FROM_NEAR = 60, 12
 #: Steps over the radius after which another factorisation will be needed.
-TANGENT_ABOVE = 3e-4
+TANGENT_ABOVE = 1e-5
 
 
 class NewtonError(ArithmeticError):
@@ -42,7 +44,11 @@ class Equilibrium:
     pressure : float, MPa
     displacement : (n, 3) array, mm
     factor : Factor
-        Of the tangent at a shape within `renew_above` of this one.
+        Of the tangent at the shape before the last full step, a step so short that the next
+        correction was below `renew_above`.
+    tangent : tuple of arrays, or None
+        On request, that shape (n, 3), then within `KEPT_WITHIN` of the balance, and the tangent
+        there, as the linear solver stores it.
     factorisations : int
         Spent on finding it.
     wrinkled : int
@@ -58,6 +64,7 @@ class Equilibrium:
     factorisations: int
     wrinkled: int
     stable: bool
+    tangent: tuple[Floats, Floats] | None = None
 
 
 def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats:
@@ -91,6 +98,7 @@ def solve(
     *,
     renew_above: float = 1e-6,
     follow: bool = False,
+    keep_tangent: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
@@ -110,15 +118,17 @@ def solve(
     pressure : float, MPa
     stiffness : (4,) array, MPa
     renew_above : float, mm
-        The factor returned belongs to a shape at most this far off.
+        Corrections above this need a new factor.
     follow : bool
         The start is a prediction along a path.
+    keep_tangent : bool
+        Return the tangent beside its factor.
 
     Raises
     ------
     NewtonError
     """
-    search = _Search(membrane, pressure, stiffness, follow)
+    search = _Search(membrane, pressure, stiffness, follow, keep_tangent)
     displacement = start
     unit = membrane.radius / 100.0
     state = membrane.state(displacement, pressure, stiffness)
@@ -127,12 +137,18 @@ def solve(
     for iteration in range(1, (FROM_NEAR if follow else FROM_AFAR) + 1):
         if state.tangent is None:
             state = membrane.state(displacement, pressure, stiffness)
-        factor, stable = search.factor(state, iteration)
+        factor, stable = search.factor(displacement, state, iteration)
+        before, tangent = displacement, state.tangent
         displacement, state, correction = search.step(displacement, state, factor, iteration)
-        if np.abs(correction).max() <= renew_above * unit and search.shift == 0.0:
-            polished = search.polish(displacement, factor, correction, unit)
+        step = float(np.abs(displacement - before).max())
+        near = np.abs(correction).max() <= renew_above * unit and search.shift == 0.0
+        if near and (not keep_tangent or step <= KEPT_WITHIN * unit):
+            polished = search.polish(displacement, factor, correction, step, unit)
             if polished is not None:
-                return Equilibrium(pressure, polished, factor, search.work, state.wrinkled, stable)
+                kept = (before, tangent) if keep_tangent and tangent is not None else None
+                return Equilibrium(
+                    pressure, polished, factor, search.work, state.wrinkled, stable, kept
+                )
     raise NewtonError(
         f"no convergence in {iteration} iterations", iteration, _norm(state), search.work
     )
@@ -146,26 +162,36 @@ class _Search:
     """The moving parts of one Newton search."""
 
     def __init__(
-        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool
+        self,
+        membrane: Membrane,
+        pressure: float,
+        stiffness: Floats,
+        follow: bool,
+        keep_tangent: bool,
     ) -> None:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
-        self.follow = follow
+        self.follow, self.keep_tangent = follow, keep_tangent
         self.shift = 0.0
         self.work = 0
 
-    def factor(self, state: State, iteration: int) -> tuple[Factor, bool]:
+    def factor(self, displacement: Floats, state: State, iteration: int) -> tuple[Factor, bool]:
         """A factor to step with, and whether the tangent itself is positive definite."""
-        assert state.tangent is not None
-        linear = self.membrane.linear
+        linear, tangent = self.membrane.linear, state.tangent
         self.shift = 0.0 if self.shift < 1e-6 else 0.1 * self.shift
         for _ in range(12):
             self.work += 1
             try:
-                return linear.factorise(state.tangent, self.shift), self.shift == 0.0
+                assert tangent is not None
+                factor = linear.factorise(tangent, self.shift, spent=not self.keep_tangent)
+                return factor, self.shift == 0.0
             except NotPositiveDefiniteError:
+                if not self.keep_tangent:  # the attempt has used it up
+                    again = self.membrane.state(displacement, self.pressure, self.stiffness)
+                    tangent = again.tangent
                 if self.follow:
                     self.work += 1
-                    return linear.factorise_indefinite(state.tangent), False
+                    assert tangent is not None
+                    return linear.factorise_indefinite(tangent), False
                 self.shift = max(1e-4, 5.0 * self.shift)
         raise NewtonError(
             "the tangent is not positive definite", iteration, _norm(state), self.work
@@ -194,16 +220,20 @@ class _Search:
         raise NewtonError("no step makes progress", iteration, _norm(state), self.work)
 
     def polish(
-        self, displacement: Floats, factor: Factor, correction: Floats, unit: float
+        self, displacement: Floats, factor: Factor, correction: Floats, step: float, unit: float
     ) -> Floats | None:
-        """Correct with the factor at hand until nothing moves; None where that stalls early."""
-        size = np.inf
+        """Correct with the factor at hand until nothing moves; None where that stalls early.
+
+        Corrections by one factor shrink at a steady rate, twice that of the first one after a
+        Newton step: what the next one will be is known from this one and the `step` before.
+        """
+        size = step
         for _ in range(15):
             previous, size = size, float(np.abs(correction).max())
             if size > 0.5 * previous:
                 return displacement if previous <= self._rounding else None
             displacement = displacement + self.membrane.spread(correction)
-            if size <= CORRECTION * unit:
+            if size * min(1.0, 2.0 * size / previous) <= CORRECTION * unit:
                 return displacement
             state = self.membrane.state(displacement, self.pressure, self.stiffness, tangent=False)
             correction = -factor.solve(state.residual)

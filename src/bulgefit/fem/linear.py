@@ -61,8 +61,10 @@ class LinearSolver(Protocol):
     scatter: NDArray[np.int64]
     length: int
 
-    def factorise(self, data: Floats, shift: float = 0.0) -> Factor:
+    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> Factor:
         """Factor of the tangent plus `shift` times its mean diagonal entry on the diagonal.
+
+        With `spent`, `data` is not needed afterwards and may be overwritten.
 
         Raises
         ------
@@ -109,9 +111,9 @@ class BandedCholesky:
         place = np.minimum(row, column) * self._height + below
         self.scatter = np.where(kept, place, self.length - 1)
 
-    def factorise(self, data: Floats, shift: float = 0.0) -> BandedFactor:
-        """Overwrites nothing; raises NotPositiveDefiniteError."""
-        band = data[:-1].copy()
+    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> BandedFactor:
+        """In place where `data` is spent; raises NotPositiveDefiniteError."""
+        band = data[:-1] if spent else data[:-1].copy()
         if shift:
             band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
@@ -196,7 +198,7 @@ class SparseLU:
         self._indices, self._indptr = full.indices, full.indptr
         self._diagonal = np.flatnonzero(i == j)
 
-    def factorise(self, data: Floats, shift: float = 0.0) -> LUFactor:
+    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> LUFactor:
         """Overwrites nothing; raises NotPositiveDefiniteError."""
         values = data[:-1]
         if shift:

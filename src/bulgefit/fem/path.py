@@ -161,6 +161,19 @@ def hermite(knots: Floats, x: Floats) -> tuple[Floats, Floats]:
     return (1.0 - 2.0 * away * derivative) * square, away * square
 
 
+def _mirror(s: Floats, mirrored: bool, stencil: int) -> tuple[Floats, int]:
+    """Levels with the mirror images that a stencil may need in front; how many those are."""
+    images = min(len(s), stencil // 2) if mirrored else 0
+    return np.concatenate([-s[:images][::-1], s]), images
+
+
+def stencil_at(s: Floats, at: float, *, mirrored: bool) -> tuple[float, ...]:
+    """The levels and mirror images that the dense output goes through at `at`."""
+    knots, _ = _mirror(s, mirrored, STENCIL)
+    first = int(_nearest(knots, np.array([at]), STENCIL)[0])
+    return tuple(knots[first : first + STENCIL].tolist())
+
+
 def hermite_weights(
     s: Floats, at: Floats, *, mirrored: bool, stencil: int = STENCIL
 ) -> tuple[Floats, Floats]:
@@ -178,8 +191,7 @@ def hermite_weights(
         Levels that one polynomial goes through.
     """
     count = len(s)
-    images = min(count, stencil // 2) if mirrored else 0
-    knots = np.concatenate([-s[:images][::-1], s])
+    knots, images = _mirror(s, mirrored, stencil)
     value, slope = np.zeros((2, len(at), len(knots)))
     first = _nearest(knots, at, stencil)
     for i in np.unique(first):

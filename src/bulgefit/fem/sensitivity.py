@@ -25,9 +25,9 @@ Floats = NDArray[np.float64]
 #: ∂R/∂θ, (k, N), at a displacement (n, 3) mm and a pressure (MPa).
 ForceDerivative = Callable[[Floats, float], Floats]
 
-#: Half the span of the difference along the path, relative to s. The truncation error is its
-#: square, the rounding error 1e-16 over it.
-_ALONG = 1e-4
+#: Span of the difference along the path, relative to s. The truncation error is in proportion,
+#: the rounding error 1e-16 over it.
+_ALONG = 1e-6
 
 
 def slope_in_pressure(membrane: Membrane, balance: Equilibrium) -> Floats:
@@ -55,26 +55,19 @@ def parameter_sensitivity(
     """
     s = np.cbrt(balance.pressure)
     h = _ALONG * s
-
-    def beside(sign: float) -> tuple[Floats, Floats]:
-        shape, pressure = balance.displacement + sign * h * slope, (s + sign * h) ** 3
-        tangent = membrane.state(shape, pressure, stiffness).tangent
-        assert tangent is not None
-        return force_derivative(shape, pressure).T, tangent
-
-    force_before, tangent_before = beside(-1.0)
-    force_after, tangent_after = beside(1.0)
-    linear, factor = membrane.linear, balance.factor
-    force = force_derivative(balance.displacement, balance.pressure).T
-    value = factor.solve(np.asfortranarray(-force))
-    # The factor belongs to a shape slightly off. One refinement with the mean of the two
-    # tangents, which is the tangent here to second order, squares the error that this leaves.
-    middle = 0.5 * (tangent_before + tangent_after)
-    value -= factor.solve(np.asfortranarray(force + linear.multiply(middle, value)))
-    turn = (force_after - force_before) + linear.multiply(tangent_after - tangent_before, value)
-    turn = np.asfortranarray(turn / (-2.0 * h))
-    value_slope = factor.solve(turn)
-    value_slope += factor.solve(np.asfortranarray(turn - linear.multiply(middle, value_slope)))
+    if balance.tangent is None:
+        raise ValueError("the balance was solved without keeping its tangent")
+    # the shape that the factor belongs to, and one a little farther along the path
+    shape, tangent = balance.tangent
+    ahead, pressure = shape + h * slope, (s + h) ** 3
+    tangent_ahead = membrane.state(ahead, pressure, stiffness).tangent
+    assert tangent_ahead is not None
+    force = force_derivative(shape, balance.pressure)
+    force_ahead = force_derivative(ahead, pressure)
+    value = balance.factor.solve(np.asfortranarray(-force.T))
+    tangent_ahead -= tangent
+    turn = force_ahead.T - force.T + membrane.linear.multiply(tangent_ahead, value)
+    value_slope = balance.factor.solve(np.asfortranarray(turn / -h))
     return membrane.spread(value.T), membrane.spread(value_slope.T)
 
 

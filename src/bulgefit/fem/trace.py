@@ -14,7 +14,7 @@ from bulgefit.fem.elasticity import STIFFNESS_NAMES
 from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
 from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.path import STENCIL, Path, hermite_weights
+from bulgefit.fem.path import STENCIL, Path, hermite_weights, stencil_at
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
 __all__ = ["TOLERANCE", "trace"]
@@ -71,6 +71,7 @@ class _Tracer:
         self.work = 0
         self.wasted = 0
         self.closing_in = False
+        self._errors: dict[tuple[float, tuple[float, ...]], float] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
         self.mirrored = membrane.fabric.surface is None
@@ -78,7 +79,10 @@ class _Tracer:
     def solve(self, s: float, guess: Floats, *, follow: bool) -> float:
         """Balance a level and keep it; returns how far (mm) the guess was off."""
         try:
-            balance = solve(self.membrane, guess, s**3, self.stiffness, follow=follow)
+            balance = solve(
+                self.membrane, guess, s**3, self.stiffness,
+                follow=follow, keep_tangent=self.sensitivities,
+            )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
             self.wasted += error.work
@@ -135,24 +139,33 @@ class _Tracer:
     def error(self, after: int) -> float:
         """Error (mm) of the dense output halfway between level `after` and the next.
 
-        Newton's correction of the interpolated shape, by the factor of the upper level.
+        Newton's correction of the interpolated shape. The stiffness there lies between those of
+        the two levels, so the estimate is the geometric mean of what their factors say.
         """
         low, high = self.levels[after], self.levels[after + 1]
         middle = 0.5 * (low.s + high.s)
+        knots = stencil_at(
+            np.array([level.s for level in self.levels]), middle, mirrored=self.mirrored
+        )
+        if (low.s, knots) in self._errors:
+            return self._errors[low.s, knots]
         state = self.membrane.state(
             self.interpolate(middle), middle**3, self.stiffness, tangent=False
         )
-        if not np.isfinite(state.potential):
-            return np.inf
-        return max(
-            float(np.abs(level.factor.solve(state.residual)).max())
-            for level in (low, high)
-            if level.factor is not None
-        )
+        error = np.inf
+        if np.isfinite(state.potential):
+            sizes = [
+                float(np.abs(factor.solve(state.residual)).max())
+                for factor in (low.factor, high.factor)
+                if factor is not None
+            ]
+            error = float(np.prod(sizes)) ** (1.0 / len(sizes)) if sizes else 0.0
+        self._errors[low.s, knots] = error
+        return error
 
     def forget(self) -> None:
         """Let go of the factors that no estimate needs any more."""
-        for level in self.levels[:-3]:
+        for level in self.levels[: -STENCIL - 1]:
             level.factor = None
 
     def _blend(self, levels: list[_Level], at: Floats, stencil: int) -> Floats:
@@ -256,25 +269,21 @@ def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
     smallest = _SMALLEST_STEP * end
     step = _first_step(tracer.membrane, tracer.stiffness)
-    worst = 0.0
     while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
         # equal steps to the end rather than a short last one
         step = end - s if s + 1.01 * step >= end else min(step, 0.5 * (end - s) + 0.01 * step)
         share = _advance(tracer, step, smallest)
         if tracer.levels[-1].s - s < smallest:
             raise _StoppedError(tracer.failure, tracer.levels[-1].s + smallest)
-        error = _refine(tracer, len(tracer.levels) - 2, tolerance, _CLOSEST * end)
-        if len(tracer.levels) > STENCIL:  # the new level serves the interval below it too
-            below = _refine(tracer, len(tracer.levels) - 3, tolerance, _CLOSEST * end)
-            worst = max(worst, below)
-        worst = max(worst, error)
+        _refine(tracer, tolerance, _CLOSEST * end)
+        error = tracer.error(len(tracer.levels) - 2)
         wanted = (_AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s
         gap = max(0.25 * made, tracer.levels[-1].s - tracer.levels[-2].s)
         # short of the step that was asked for, grow with care
         step = gap * min(2.5 if share == 1.0 else 1.3, max(0.4, wanted))
         tracer.forget()
-    return worst
+    return max((tracer.error(after) for after in range(len(tracer.levels) - 1)), default=0.0)
 
 
 def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
@@ -304,23 +313,26 @@ def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
     raise AssertionError("the last attempt is shorter than the smallest step")
 
 
-def _refine(tracer: _Tracer, after: int, tolerance: float, closest: float) -> float:
-    """Put levels between level `after` and the next until the dense output is within tolerance.
+def _refine(tracer: _Tracer, tolerance: float, closest: float) -> None:
+    """Put levels in between until the dense output is within tolerance.
 
-    Returns the error (mm) that remains: beside a singular tangent there may be no smooth level.
+    The newest level changes the stencils of the intervals below it, so these are looked at too.
+    Beside a singular tangent there may be no smooth level, and an error remains.
     """
-    error = tracer.error(after)
-    low, high = tracer.levels[after].s, tracer.levels[after + 1].s
-    if error <= tolerance or high - low < closest or tracer.wasted > _PATIENCE:
-        return error
-    middle = 0.5 * (low + high)
-    try:
-        tracer.solve(middle, tracer.interpolate(middle), follow=True)
-    except NewtonError:
-        return error
-    # the upper part first: it does not renumber the lower
-    upper = _refine(tracer, after + 1, tolerance, closest)
-    return max(upper, _refine(tracer, after, tolerance, closest))
+    singular = set()
+    after = len(tracer.levels) - 2
+    lowest = max(0, after - STENCIL + 1)
+    while after >= lowest:
+        low, high = tracer.levels[after].s, tracer.levels[after + 1].s
+        done = tracer.error(after) <= tolerance or high - low < closest or low in singular
+        if not done and tracer.wasted <= _PATIENCE:
+            middle = 0.5 * (low + high)
+            try:
+                tracer.solve(middle, tracer.interpolate(middle), follow=True)
+                after = min(after + STENCIL, len(tracer.levels) - 1)
+            except NewtonError:
+                singular.add(low)
+        after -= 1
 
 
 def _solve_error(
