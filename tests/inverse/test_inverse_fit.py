@@ -113,8 +113,9 @@ def test_a_sample_of_the_points_gives_the_same_optimum(
     monkeypatch.setattr(module, "SAMPLE", 5_000)
     sampled = fit(test, "e_w", **options)
     assert sampled.value == pytest.approx(whole.value, rel=3e-6)
-    for key in ("E1", "E2", "G12"):
-        assert sampled.material.values[key] == pytest.approx(whole.material.values[key], rel=1e-3)
+    # the objective is flat in G12: its value agrees to 3e-6, its place to 2e-3
+    for key, rel in (("E1", 1e-3), ("E2", 1e-3), ("G12", 2e-3)):
+        assert sampled.material.values[key] == pytest.approx(whole.material.values[key], rel=rel)
 
 
 def same_but_for_time(result: FitResult) -> dict:

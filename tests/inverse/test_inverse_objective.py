@@ -184,7 +184,9 @@ def test_gradient_by_differences(
     target = Objective([make(frames=4)], name, setup, average=average, weight=0.1)
     at = {"E1": 250.0, "E2": 200.0, "G12": 20.0, "nu12": 0.3}
     value, slope = target.gradient(material("orthotropic", **at))
-    assert value == pytest.approx(target.value(material("orthotropic", **at)), rel=1e-9)
+    # a path with derivatives has levels of its own: both are right to the path's tolerance
+    alone = target.value(material("orthotropic", **at))
+    assert value == pytest.approx(alone, abs=setup.tolerance)
     for j, (key, centre) in enumerate(at.items()):
         h = 1e-3 * centre
         high = target.value(material("orthotropic", **at | {key: centre + h}))
