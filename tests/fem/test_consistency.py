@@ -9,6 +9,7 @@ import pytest
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.laws import LAWS, SLACK, TAUT, WRINKLED, point_response
+from bulgefit.fem.linear import NotPositiveDefiniteError, has_pardiso
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, disc, rectangle
 
@@ -106,7 +107,10 @@ def blown(mesh: Mesh, seed: int = 3) -> np.ndarray:
     return shape
 
 
-@pytest.mark.parametrize("solver", ["banded", "superlu"])
+SOLVER_NAMES = ["banded", "superlu"] + ["pardiso"] * has_pardiso()
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
 @pytest.mark.parametrize("law", LAWS)
 def test_assembled_tangent_is_the_residuals_derivative(law: str, solver: str) -> None:
     mesh = disc(100.0, 1)
@@ -132,6 +136,26 @@ def test_assembled_tangent_is_the_residuals_derivative(law: str, solver: str) ->
     right = np.linspace(-1, 1, size)
     with_factor = membrane.linear.factorise_indefinite(state.tangent).solve(right)
     np.testing.assert_allclose(matrix @ with_factor, right, atol=1e-9)
+
+
+@pytest.mark.parametrize("solver", SOLVER_NAMES)
+def test_factors_live_side_by_side_and_tell_indefinite_tangents(solver: str) -> None:
+    membrane = Membrane(disc(100.0, 2), 0.81, solver=solver)
+    shape, linear = blown(membrane.mesh), membrane.linear
+    right = np.linspace(-1, 1, 3 * linear.size).reshape(-1, 3)
+    states = [membrane.state(scale * shape, 0.01, STIFFNESS) for scale in (1.0, 1.1, 1.2)]
+    factors = [membrane.factorise(state) for state in states]
+    for state, factor in zip(states, factors, strict=True):
+        assert state.tangent is not None
+        product = linear.multiply(state.tangent, factor.solve(right))
+        np.testing.assert_allclose(product, right, atol=1e-8)
+        np.testing.assert_allclose(
+            linear.multiply(state.tangent, factor.solve(right[:, 0])[:, None])[:, 0],
+            right[:, 0],
+            atol=1e-8,
+        )
+        with pytest.raises(NotPositiveDefiniteError):
+            linear.factorise(-state.tangent)
 
 
 def test_load_stiffness() -> None:

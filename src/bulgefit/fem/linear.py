@@ -7,12 +7,16 @@ symmetric; only its lower triangle is assembled.
 
 from __future__ import annotations
 
-from typing import Protocol
+import copy
+import weakref
+from functools import cache
+from importlib import import_module
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
-from scipy.sparse import coo_matrix, csc_matrix
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
@@ -22,8 +26,9 @@ __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "mak
 
 Floats = NDArray[np.float64]
 
-#: Free displacements up to which banded Cholesky is chosen; above it SuperLU is faster.
-BANDED_UP_TO = 12_000
+#: Free displacements up to which banded Cholesky is chosen: where PARDISO is installed, and where
+#: SuperLU has to do for larger ones (docs/performance.md).
+BANDED_UP_TO = {"pardiso": 4_000, "superlu": 16_000}
 
 _ROWS, _COLUMNS = np.tril_indices(12)
 
@@ -197,8 +202,9 @@ class SparseLU:
         self._entry = full.data.astype(np.int64) - 1
         self._indices, self._indptr = full.indices, full.indptr
         self._diagonal = np.flatnonzero(i == j)
+        self._rows = i
 
-    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> LUFactor:
+    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> Factor:
         """Overwrites nothing; raises NotPositiveDefiniteError."""
         values = data[:-1]
         if shift:
@@ -246,10 +252,108 @@ class LUFactor:
         return self._factor.solve(right)  # type: ignore[attr-defined]
 
 
+class Pardiso(SparseLU):
+    """Intel's PARDISO, a supernodal Cholesky: the fastest on large meshes, where installed.
+
+    Analyses the pattern once for each factor that is alive at a time, and keeps the handles of
+    those that are not for the next ones. Indefinite tangents are left to SuperLU.
+    """
+
+    def __init__(
+        self, positions: Floats, cells: NDArray[np.int64], free: NDArray[np.bool_]
+    ) -> None:
+        if not has_pardiso():
+            raise InputError(
+                "linear solver: pardiso needs pypardiso; pip install bulgefit[pardiso]"
+            )
+        super().__init__(positions, cells, free)
+        # the lower triangle by columns is the upper one by rows, as PARDISO takes it
+        self._upper_indptr = np.concatenate([self._diagonal, [self.length - 1]])
+        self._idle: list[Any] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_idle": []}
+
+    def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> Factor:
+        """Overwrites nothing; raises NotPositiveDefiniteError."""
+        values = data[:-1]
+        if shift:
+            values = values.copy()
+            values[self._diagonal] += shift * np.abs(values[self._diagonal]).mean()
+        matrix = csr_matrix(
+            (values, self._rows, self._upper_indptr), shape=(self.size, self.size), copy=False
+        )
+        handle = self._idle.pop() if self._idle else _analysed(matrix)
+        factor = PardisoFactor(handle, matrix)
+        weakref.finalize(factor, self._idle.append, handle)
+        try:
+            _run(handle, 22, matrix, np.zeros((self.size, 1)))
+        except ArithmeticError as error:
+            raise NotPositiveDefiniteError(str(error)) from error
+        return factor
+
+
+class PardisoFactor:
+    """A factor that PARDISO holds."""
+
+    def __init__(self, handle: Any, matrix: csr_matrix) -> None:
+        self._handle, self._matrix = handle, matrix
+
+    def solve(self, right: Floats) -> Floats:
+        """Solution for right-hand sides (N,) or (N, k)."""
+        columns = np.asfortranarray(right.reshape(len(right), -1))
+        return _run(self._handle, 33, self._matrix, columns).reshape(right.shape)
+
+
+@cache
+def _pardiso() -> Any:
+    """pypardiso's handle for symmetric positive definite matrices, unused: one to copy."""
+    handle = import_module("pypardiso").PyPardisoSolver(mtype=2)
+    handle.set_iparm(1, 1)  # the values below, not the defaults
+    handle.set_iparm(2, 2)  # nested dissection
+    return handle
+
+
+@cache
+def has_pardiso() -> bool:
+    """True where pypardiso and the library that it needs are installed."""
+    try:
+        _pardiso()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
+def _analysed(matrix: csr_matrix) -> Any:
+    """A new handle that knows the pattern."""
+    handle = copy.copy(_pardiso())
+    handle.pt, handle.iparm = handle.pt.copy(), handle.iparm.copy()
+    weakref.finalize(handle, _release, copy.copy(handle)).atexit = False
+    _run(handle, 11, matrix, np.zeros((matrix.shape[0], 1)))
+    return handle
+
+
+def _release(handle: Any) -> None:
+    """Give PARDISO's memory back; `handle` shares its address table with one that is gone."""
+    handle.free_memory(everything=True)
+
+
+def _run(handle: Any, phase: int, matrix: csr_matrix, right: Floats) -> Floats:
+    """Analyse (11), factorise (22) or solve (33)."""
+    handle.set_phase(phase)
+    try:
+        return handle._call_pardiso(matrix, right)
+    except Exception as error:
+        if type(error).__name__ != "PyPardisoError":
+            raise
+        raise ArithmeticError(str(error)) from error
+
+
 #: Solvers that can be forced by name.
 SOLVERS: dict[str, type[BandedCholesky] | type[SparseLU]] = {
     "banded": BandedCholesky,
     "superlu": SparseLU,
+    "pardiso": Pardiso,
 }
 
 
@@ -271,7 +375,8 @@ def make_solver(
         A key of `SOLVERS`.
     """
     if name is None:
-        name = "banded" if free.sum() <= BANDED_UP_TO else "superlu"
+        sparse = "pardiso" if has_pardiso() else "superlu"
+        name = "banded" if free.sum() <= BANDED_UP_TO[sparse] else sparse
     if name not in SOLVERS:
         raise InputError(f"linear solver: {name!r} is unknown; choose from {', '.join(SOLVERS)}")
     return SOLVERS[name](positions, cells, free)

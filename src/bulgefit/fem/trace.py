@@ -154,18 +154,18 @@ class _Tracer:
         )
         error = np.inf
         if np.isfinite(state.potential):
+            kept = [level.factor for level in self.levels[after:] if level.factor is not None]
+            here = [factor for factor in (low.factor, high.factor) if factor is not None]
             sizes = [
-                float(np.abs(factor.solve(state.residual)).max())
-                for factor in (low.factor, high.factor)
-                if factor is not None
+                float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]
             ]
-            error = float(np.prod(sizes)) ** (1.0 / len(sizes)) if sizes else 0.0
+            error = float(np.prod(sizes)) ** (1.0 / len(sizes))
         self._errors[low.s, knots] = error
         return error
 
     def forget(self) -> None:
         """Let go of the factors that no estimate needs any more."""
-        for level in self.levels[: -STENCIL - 1]:
+        for level in self.levels[:-STENCIL]:
             level.factor = None
 
     def _blend(self, levels: list[_Level], at: Floats, stencil: int) -> Floats:
