@@ -9,10 +9,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +68,12 @@ def main() -> None:
     version = subprocess.run([program, "-v"], capture_output=True, text=True).stdout.split()[-1]
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "bulge.inp").write_text(deck(np.load(sys.argv[1])))
-        start = time.perf_counter()
+        start = resource.getrusage(resource.RUSAGE_CHILDREN)
         run = subprocess.run(
             [program, "bulge"], cwd=folder, env=dict(os.environ), capture_output=True, text=True
         )
-        seconds = time.perf_counter() - start
+        end = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds = end.ru_utime - start.ru_utime + end.ru_stime - start.ru_stime
         if run.returncode:
             sys.exit(f"ccx stopped: {run.stdout[-300:]}")
         found = (Path(folder) / "bulge.dat").read_text()
