@@ -96,12 +96,12 @@ class Simulation:
         corners = (membrane.reference + self.displacement[index])[self.mesh.cells]
         f = np.einsum("mai,mgaj->mgij", corners, membrane.surface.gradient)
         c = np.einsum("mgki,mgkj->mgij", f, f)
-        stiffness, law = self.material.stiffness(), LAWS[membrane.law]
+        q, law = membrane.law_parameters(self.material.stiffness()), LAWS[membrane.law]
         out = np.empty((*c.shape[:2], 10))
         state = np.empty(c.shape[:2], dtype=np.int64)
         for at in np.ndindex(*state.shape):
             state[at] = point_response(
-                c[at][0, 0], c[at][1, 1], c[at][0, 1], stiffness, law, membrane.relaxation, out[at]
+                c[at][0, 0], c[at][1, 1], c[at][0, 1], q, law, membrane.relaxation, out[at]
             )
         strain = 0.5 * (_logarithm(c) if membrane.law == "hencky" else c - np.eye(2))
         share = np.where(state == SLACK, 1, state != TAUT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import numba
 import numpy as np
 import pytest
 
@@ -24,7 +25,7 @@ CASES = [(state, c) for state, many in STATES.items() for c in many]
 
 def respond(c: tuple[float, ...], law: str, *, relax: bool = True) -> tuple[int, np.ndarray]:
     out = np.empty(10)
-    q = np.concatenate([STIFFNESS, np.zeros(4)])
+    q = (*map(float, STIFFNESS), 0.0, 0.0, 0.0, 0.0)
     return int(point_response(*c, q, LAWS[law], relax, out)), out
 
 
@@ -51,6 +52,12 @@ def test_stress_and_tangent_are_the_energys_derivatives(
         matrix[:, i] = (above[1:4] - below[1:4]) / (2 * h)
     np.testing.assert_allclose(out[1:4], stress, atol=2e-7)
     np.testing.assert_allclose(tangent(out), matrix, atol=2e-5)
+
+
+def test_too_few_law_parameters_do_not_compile() -> None:
+    """The kernels would read past the end of an array."""
+    with pytest.raises(numba.TypingError):
+        point_response(1.0, 1.0, 0.0, (*map(float, STIFFNESS),), 0, True, np.empty(10))
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -336,8 +336,9 @@ def point_response(c11, c22, c12, q, law, relax, out):
     ----------
     c11, c22, c12 : float
         Right Cauchy-Green tensor in material axes.
-    q : (8,) array, MPa and 1
-        Plane-stress stiffness, slack and gains, as `_potential` takes them.
+    q : tuple of 8, MPa and 1
+        Plane-stress stiffness, slack and gains, as `_potential` takes them. A tuple, whose length
+        the compiler checks; an array that is too short would be read past its end.
     law : int
         A value of `LAWS`.
     relax : bool

@@ -165,7 +165,7 @@ class Membrane:
         data = np.empty(self.linear.length if tangent else 0)
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self._law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
             self.linear.scatter, residual, data,
         )  # fmt: skip
         if self.clamp is not None:
@@ -185,13 +185,13 @@ class Membrane:
         out = np.empty((4, *self.reference.shape))
         ok = assemble_sensitivity(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self._law_parameters(stiffness), LAWS[self.law], self.relaxation, out,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, out,
         )  # fmt: skip
         if not ok:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")
         return self.gather(out)
 
-    def _law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
+    def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q: eight numbers."""
         return tuple(float(v) for v in (*stiffness, *self.fabric.slack, *self.fabric.gain))
 
