@@ -38,6 +38,7 @@ from bulgefit.model.places import (
     true_pressure,
 )
 from bulgefit.model.smooth import SmoothField, smooth_field
+from bulgefit.model.window import Window
 
 __all__ = ["Prediction", "Shapes", "Specimen"]
 
@@ -53,18 +54,6 @@ _STEPS = {
     "nonlinear_material.k_y": 1e-2,
 }
 _LENGTH_STEP, _RATIO_STEP = 1e-3, 1e-5
-
-#: Points of the correlation window, in its radius: a centre and two rings of equal area shares.
-_WINDOW = np.concatenate(
-    [
-        [[0.0, 0.0]],
-        *(
-            r * np.stack([np.cos(a), np.sin(a)], axis=1)
-            for r, n in ((0.5, 6), (0.866, 12))
-            for a in [2 * np.pi * (np.arange(n) + 0.25 * n / 6) / n]
-        ),
-    ]
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +113,7 @@ class Specimen:
     law: str = "hencky"
     correction: Floats | None = None
     _membrane: Membrane | None = field(default=None, repr=False)
+    _window: Window | None = field(default=None, repr=False)
     _points: dict[tuple[float, ...], tuple[SmoothField, SmoothField]] = field(
         default_factory=dict, repr=False
     )
@@ -302,36 +292,23 @@ class Specimen:
             points = self._unit_points(values)
             plain = smooth_field(self.mesh.nodes, points)
             window = key[-1]
-            found = self._window(points, window) if window > 0.0 else plain, plain
+            found = self._window_mean(points, window) if window > 0.0 else plain, plain
             if len(self._points) > 8:
                 self._points.clear()
             self._points[key] = found
         return found
 
-    def _window(self, points: Floats, window: float) -> SmoothField:
-        """Mean over a disc of radius `window` (mm); what lies beyond the rim drops out."""
-        spread = points[:, None] + window * _WINDOW
-        inside = (spread**2).sum(axis=-1) <= self.test.radius**2
-        inside[:, 0] = True
-        fields = smooth_field(self.mesh.nodes, spread.reshape(-1, 2))
-        count = len(_WINDOW)
-        weights = (inside / inside.sum(axis=1, keepdims=True)).ravel()
-        from scipy import sparse
-
-        rows = np.repeat(np.arange(len(points)), count)
-        mean = sparse.csr_array(
-            (weights, (rows, np.arange(len(rows)))), shape=(len(points), len(rows))
-        )
-        return SmoothField(
-            *((mean @ op).tocsr() for op in (fields.value, fields.by_x, fields.by_y))
-        )
+    def _window_mean(self, points: Floats, window: float) -> SmoothField:
+        if self._window is None:
+            self._window = Window(self.mesh.nodes, self.test.radius)
+        return self._window.mean(points, window)
 
     def _window_derivative(self, shapes: Shapes, plain: SmoothField) -> Floats:
         """∂/∂(window²) of the averaged field, (frames, n, 3): by a difference in window²."""
         at = shapes.values.get("dic_smoothing.window", 0.0) ** 2
         points = self._unit_points(shapes.values)
-        high = self._window(points, float(np.sqrt(at + 4.0)))
-        low = self._window(points, float(np.sqrt(at - 4.0))) if at > 4.0 else plain
+        high = self._window_mean(points, float(np.sqrt(at + 4.0)))
+        low = self._window_mean(points, float(np.sqrt(at - 4.0))) if at > 4.0 else plain
         span = 8.0 if at > 4.0 else at + 4.0
         return (
             _apply(high.value, shapes.displacement) - _apply(low.value, shapes.displacement)
