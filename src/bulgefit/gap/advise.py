@@ -118,16 +118,8 @@ def _normal(
 
 
 def _with_pressures(d: Data, pressure: Floats) -> Specimen:
-    test = d.specimen.test
-    made = BulgeTest.from_arrays(
-        d.specimen.reference,
-        np.zeros((len(pressure), len(d.specimen.reference), 3)),
-        pressure,
-        radius=test.radius,
-        thickness=test.thickness,
-        poisson_ratio=test.poisson_ratio,
-    )
-    return Specimen(made, refine=d.specimen.refine, law=d.specimen.law)
+    """The specimen at other pressures, at the times that its own frames suggest."""
+    return _elsewhere(d, d.specimen.reference, pressure)
 
 
 def _with_rim_points(d: Data) -> Specimen:
@@ -138,16 +130,25 @@ def _with_rim_points(d: Data) -> Specimen:
             for share in (0.95, 0.97, 0.99)
         ]
     )
-    points = np.column_stack([ring, np.zeros(len(ring))])
+    return _elsewhere(d, np.column_stack([ring, np.zeros(len(ring))]), d.specimen.recorded)
+
+
+def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
+    specimen = d.specimen
+    time = None
+    if specimen.time is not None:
+        order = np.argsort(specimen.recorded)
+        time = np.interp(pressure, specimen.recorded[order], specimen.time[order])
     made = BulgeTest.from_arrays(
         points,
-        np.zeros((len(d.specimen.recorded), len(points), 3)),
-        d.specimen.recorded,
-        radius=d.specimen.test.radius,
-        thickness=d.specimen.test.thickness,
-        poisson_ratio=d.specimen.test.poisson_ratio,
+        np.zeros((len(pressure), len(points), 3)),
+        pressure,
+        radius=specimen.test.radius,
+        thickness=specimen.test.thickness,
+        poisson_ratio=specimen.test.poisson_ratio,
+        time=time,
     )
-    return Specimen(made, refine=d.specimen.refine, law=d.specimen.law)
+    return Specimen(made, refine=specimen.refine, law=specimen.law)
 
 
 def _prior(names: Sequence[str], errors: dict[str, float]) -> Floats:

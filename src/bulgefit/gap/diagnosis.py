@@ -204,7 +204,12 @@ def diagnose(
         say("baseline: the moduli alone")
         baseline = _baseline(prepared)
         found = explain(
-            data, candidates, baseline, say, lambda task, items: list(pool.map(task, items))
+            data,
+            candidates,
+            baseline,
+            lambda fit: _settle(prepared, fit),
+            say,
+            lambda task, items: list(pool.map(task, items)),
         )
         known = universe(data, found.final, candidates)
         say("held-out gap")
@@ -246,11 +251,19 @@ def _baseline(prepared: Sequence[Prepared]) -> Regression:
     for p, prediction in zip(prepared, first.predictions, strict=True):
         renew_noise(p, prediction.displacement)
         drop_outliers(p, prediction.displacement)
+    return _settle(prepared, first)
+
+
+def _settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
+    """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
+    for p, prediction in zip(prepared, fit.predictions, strict=True):
         try:
             correct_discretisation(p, prediction.shapes)
         except SolveError:
             p.data.specimen.correction = None
-    return regress(data, MODULI, first.values, [p.shapes for p in first.predictions])
+        renew_noise(p, p.data.specimen.observe(prediction.shapes).displacement)
+    shapes = [p.shapes for p in fit.predictions]
+    return regress([p.data for p in prepared], fit.keys, fit.values, shapes)
 
 
 def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:

@@ -15,6 +15,7 @@ from bulgefit.gap.regress import (
     Blocks,
     Data,
     Regression,
+    names_of,
     normal_equations,
     own_key,
     regress,
@@ -22,6 +23,7 @@ from bulgefit.gap.regress import (
     start_of,
 )
 from bulgefit.gap.structure import Structure, structure
+from bulgefit.model.specimen import Prediction
 
 __all__ = ["Candidate", "Explanation", "Round", "Universe", "explain", "universe"]
 
@@ -36,8 +38,9 @@ TIE, TIE_SHARE = 8.0, 0.01
 MOST_ROUNDS = 6
 #: Refits in the later rounds, best first by the linear forecast.
 LATER_REFITS = 5
-#: Steps that every candidate gets, and how many of the best are then fitted to the end.
-FIRST_STEPS, FINALISTS = 3, 4
+#: Steps that every candidate gets; the best are then fitted to the end, at most so many, if their
+#: score came within this share of the best one's gain.
+FIRST_STEPS, FINALISTS, FINAL_SHARE = 1, 4, 0.1
 
 
 @dataclass(eq=False)
@@ -108,12 +111,18 @@ class Universe:
     hessian : (cells, K, K) array
     gradient : (cells, K) array
     square : (cells,) array
+    predictions : list of Prediction
+        With derivatives by all keys that are the specimen's.
+    values : dict
+        Of the fit.
     """
 
     keys: tuple[str, ...]
     hessian: Floats
     gradient: Floats
     square: Floats
+    predictions: list[Prediction]
+    values: dict[str, float]
 
     def held_out(self, keys: Sequence[str], folds: Sequence[NDArray[np.int64]]) -> float:
         """Forecast of the held-out sum of squares with `keys` freed, by one linear step."""
@@ -130,6 +139,16 @@ class Universe:
             True,
         )
         return part.held_out(folds)
+
+    def at(self, keys: Sequence[str]) -> list[Prediction]:
+        """The predictions with derivatives by `keys` alone."""
+        several, out = len(self.predictions) > 1, []
+        for index, p in enumerate(self.predictions):
+            names, _ = names_of(self.keys, index, several)
+            wanted, _ = names_of(keys, index, several)
+            rows = [names.index(name) for name in wanted]
+            out.append(Prediction(p.displacement, p.derivative[rows], p.shapes))
+        return out
 
 
 def all_folds(data: Sequence[Data]) -> list[NDArray[np.int64]]:
@@ -158,10 +177,10 @@ def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -
     keys = tuple(dict.fromkeys([*fit.keys, *group_keys([*MODULI, *names], len(data))]))
     predictions = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
-        wanted = [k.partition("@")[0] for k in keys if "@" not in k or k.endswith(f"@{index}")]
+        wanted, _ = names_of(keys, index, len(data) > 1)
         predictions.append(d.specimen.predict(specimen_values(fit.values, index), wanted, p.shapes))
     h, g, square, _ = normal_equations(data, predictions, keys)
-    return Universe(keys, h, g, square)
+    return Universe(keys, h, g, square, predictions, dict(fit.values))
 
 
 def _in_turn(task: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -172,6 +191,7 @@ def explain(
     data: Sequence[Data],
     effects: Sequence[Effect],
     baseline: Regression,
+    settle: Callable[[Regression], Regression] = lambda fit: fit,
     say: Callable[[str], None] = lambda _: None,
     run: Run = _in_turn,
 ) -> Explanation:
@@ -184,6 +204,8 @@ def explain(
         Candidates.
     baseline : Regression
         The moduli alone.
+    settle : callable
+        Given a fit with an effect more: renews what is known of noise and mesh, and fits again.
     say : callable
         Told what is being tried.
     run : callable
@@ -203,7 +225,7 @@ def explain(
         if found.taken is None:
             break
         groups[found.taken.effect] = found.taken.keys
-        current = found.taken.fit
+        current = settle(found.taken.fit)
         remainder = structure(data, current)
     current, groups = _without_superfluous(data, current, groups, folds, say)
     return Explanation(baseline, current, groups, rounds, start, structure(data, current))
@@ -242,7 +264,7 @@ def _round(
     def attempt(item: tuple[float, str, tuple[str, ...], tuple[str, ...]]) -> Candidate | None:
         _, effect_id, keys, extra = item
         say(f"{' + '.join([*groups, effect_id])} ({len(keys)} parameters)")
-        fit = _refit(data, current, extra)
+        fit = _refit(data, current, extra, known)
         if fit is None:
             return None
         return Candidate(effect_id, keys, fit, fit.held_out(folds) / inflation)
@@ -257,8 +279,11 @@ def _round(
 
     tried = run(attempt, forecasts if first else forecasts[:LATER_REFITS])
     candidates = sorted((c for c in tried if c is not None), key=lambda c: c.score)
-    candidates[:FINALISTS] = run(finish, candidates[:FINALISTS])
-    candidates.sort(key=lambda c: c.score)
+    if candidates:
+        reach = candidates[0].score + max(2 * TIE, FINAL_SHARE * (before - candidates[0].held_out))
+        finalists = [c for c in candidates[:FINALISTS] if c.score <= reach]
+        candidates[: len(finalists)] = run(finish, finalists)
+        candidates.sort(key=lambda c: c.score)
     if not candidates:
         return Round(before, [], None, [])
     best_one = candidates[0]
@@ -273,18 +298,25 @@ def _round(
     return Round(before, candidates, taken, ties)
 
 
-def _refit(data: Sequence[Data], current: Regression, extra: Sequence[str]) -> Regression | None:
-    start = dict(current.values)
+def _refit(
+    data: Sequence[Data], current: Regression, extra: Sequence[str], known: Universe
+) -> Regression | None:
+    """First steps with `extra` freed, from the current fit; None where nothing balances."""
+    start, at_null = dict(current.values), True
     for key in extra:
         name, _, owner = key.partition("@")
-        start[key] = start_of(name, data[int(owner) if owner else 0])
+        own = data[int(owner) if owner else 0]
+        start[key] = start_of(name, own)
+        at_null &= start[key] == own.specimen.nulls().get(name, 0.0)
+    keys = (*current.keys, *extra)
     try:
         return regress(
             data,
-            (*current.keys, *extra),
+            keys,
             start,
             [p.shapes for p in current.predictions],
             iterations=FIRST_STEPS,
+            known=known.at(keys) if at_null else None,
         )
     except (SolveError, InputError):
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 #: Distance (mm) beyond which noise is taken as independent.
 REACH = 40.0
 _NEIGHBOURS = 24
+#: Frames from which they tell noise from what goes smoothly with pressure.
+_LEAST_FRAMES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +37,11 @@ class Noise:
     inflation : float
         Variance of a mean of neighbouring points over that of independent ones: points divided
         by it are the effective number of points.
+    persistent : float
+        Share of the variance that is the same in every frame: bins whose mean lies off their
+        centre, marks on the lens. Averaging over frames does not lower it.
     source : str
-        "static images" or "the field itself".
+        "static images", "frame to frame" or "the field itself".
     """
 
     sigma: Floats
@@ -44,17 +49,20 @@ class Noise:
     correlated_share: float
     inflation: float
     source: str
+    persistent: float = 0.0
 
 
 def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
-    """Noise from static images, else from what a local smooth surface leaves of the field.
+    """Noise from static images, else from frame to frame, else from what a local surface leaves.
 
     Parameters
     ----------
     test : BulgeTest
         Of one block.
     residual : (frames, n, 3) array, mm, optional
-        Measured minus modelled: smoother than the displacement, so the surface leaves less.
+        Measured minus modelled. What the model misses goes smoothly with pressure, while noise is
+        drawn anew for every frame: the difference between a frame and what its neighbours in
+        pressure say of it is noise, and keeps its correlation in space.
     """
     (block,) = test.blocks
     points = np.asarray(block.reference[:, :2], dtype=float)
@@ -63,9 +71,60 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
         # a camera that moved between the images is no noise
         field = field - np.nanmean(field, axis=1, keepdims=True)
         return _describe(points, field, _robust(field), "static images")
+    if residual is not None and len(residual) >= _LEAST_FRAMES:
+        field = _flattened(points, _frame_differences(np.asarray(test.pressure), residual))
+        noise = _describe(points, field, _robust(field), "frame to frame")
+        return _with_persistent(noise, _robust(rough_part(points, residual)), len(residual))
     field = np.asarray(block.displacement if residual is None else residual, dtype=float)
     rough = rough_part(points, field)
     return _describe(points, rough, _robust(rough), "the field itself")
+
+
+def _with_persistent(noise: Noise, rough: Floats, frames: int) -> Noise:
+    """What is rough in space beyond the noise of a frame comes back in every frame."""
+    sigma = np.maximum(noise.sigma, rough)
+    share = float(np.mean(1.0 - (noise.sigma / sigma) ** 2))
+    if share < 0.1:  # within what the two estimates differ by on the same noise
+        return noise
+    inflation = share * frames + (1.0 - share) * noise.inflation
+    return replace(noise, sigma=sigma, inflation=inflation, persistent=share)
+
+
+def _frame_differences(pressure: Floats, field: Floats) -> Floats:
+    """Each frame minus its neighbours' cubic in p^(1/3), (frames - 4, n, 3).
+
+    Scaled to the variance of a single frame.
+    """
+    order = np.argsort(pressure, kind="stable")
+    # equal pressures are set apart a little: only their order matters then
+    t = np.cbrt(pressure[order])
+    t = t + 1e-3 * (t[-1] - t[0] + 1e-9) * np.arange(len(t)) / len(t)
+    out = []
+    for k in range(2, len(t) - 2):
+        around = [k - 2, k - 1, k + 1, k + 2]
+        weights = np.array(
+            [np.prod([(t[k] - t[j]) / (t[i] - t[j]) for j in around if j != i]) for i in around]
+        )
+        left = field[order[k]] - np.tensordot(weights, field[order[around]], 1)
+        out.append(left / np.sqrt(1.0 + weights @ weights))
+    return np.array(out)
+
+
+def _flattened(points: Floats, field: Floats) -> Floats:
+    """The field less a quadratic surface over the whole disc, frame by frame.
+
+    Noise is short against the disc; what the frames' differences keep of the model's gap is not.
+    """
+    x, y = points.T / max(float(np.abs(points).max()), 1e-9)
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    out = np.array(field)
+    for frame in out:
+        for component in frame.T:
+            seen = np.isfinite(component)
+            if seen.sum() > 2 * basis.shape[1]:
+                found = np.linalg.lstsq(basis[seen], component[seen], rcond=None)[0]
+                component -= basis @ found
+    return out
 
 
 def _robust(field: Floats) -> Floats:
@@ -110,25 +169,34 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Nois
             weight.append(float(inside.sum()))
     if len(centres) < 4:
         return Noise(sigma, 0.0, 0.0, 1.0, source)
-    length, share = _fit_correlation(np.array(centres), np.array(correlation), np.array(weight))
+    length, share, area = _fit_correlation(
+        np.array(centres), np.array(correlation), np.array(weight)
+    )
     # density of measured points times the area under the correlation
     tree = KDTree(points)
     spacing = float(np.median(tree.query(points, k=2)[0][:, 1]))
-    inflation = 1.0 + share * 2.0 * np.pi * length**2 / spacing**2
+    inflation = 1.0 + area / spacing**2
     return Noise(sigma, length, share, float(np.clip(inflation, 1.0, 200.0)), source)
 
 
-def _fit_correlation(distance: Floats, correlation: Floats, weight: Floats) -> tuple[float, float]:
-    """Length and share of the best share exp(-d/length) among lengths up to 30 mm."""
-    best = (0.0, 0.0, np.inf)
+def _fit_correlation(
+    distance: Floats, correlation: Floats, weight: Floats
+) -> tuple[float, float, float]:
+    """Length, share and area (mm²) of the best share exp(-(d/length)^k), lengths to 30 mm.
+
+    k = 1 and 2: subsets that overlap, and noise that was smoothed, lie between.
+    """
+    best, least = (0.0, 0.0, 0.0), np.inf
     for length in np.geomspace(2.0, 30.0, 28):
-        shape = np.exp(-distance / length)
-        share = float((weight * shape * correlation).sum() / (weight * shape**2).sum())
-        share = min(max(share, 0.0), 1.0)
-        miss = float((weight * (correlation - share * shape) ** 2).sum())
-        if miss < best[2]:
-            best = (float(length), share, miss)
-    return (best[0], best[1]) if best[1] > 0.02 else (0.0, 0.0)
+        for power, area in ((1, 2.0 * np.pi), (2, np.pi)):
+            shape = np.exp(-((distance / length) ** power))
+            share = float((weight * shape * correlation).sum() / (weight * shape**2).sum())
+            share = min(max(share, 0.0), 1.0)
+            miss = float((weight * (correlation - share * shape) ** 2).sum())
+            # a length that the nearest points do not show would be a guess
+            if miss < least and share * shape[0] > 0.02:
+                best, least = (float(length), share, share * area * float(length) ** 2), miss
+    return best
 
 
 def outliers(points: Floats, residual: Floats, sigma: Floats) -> NDArray[np.bool_]:

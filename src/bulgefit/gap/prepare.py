@@ -142,6 +142,7 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     prepared.noise = estimate_noise(test, residual)
     data.sigma, data.inflation = prepared.noise.sigma, prepared.noise.inflation
+    data.persistent = prepared.noise.persistent
 
 
 def drop_outliers(prepared: Prepared, modelled: Floats) -> None:

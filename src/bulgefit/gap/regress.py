@@ -63,12 +63,15 @@ class Data:
         Measured, and not an outlier.
     inflation : float
         Factor on variances of means: noise that is correlated in space counts less.
+    persistent : float
+        Share of the noise's variance that is the same in every frame.
     """
 
     specimen: Specimen
     sigma: Floats
     used: NDArray[np.bool_]
     inflation: float = 1.0
+    persistent: float = 0.0
     blocks: Blocks = field(init=False)
 
     def __post_init__(self) -> None:
@@ -232,6 +235,7 @@ def regress(
     start: Mapping[str, float],
     near: Sequence[Shapes] | None = None,
     iterations: int = MAX_ITERATIONS,
+    known: Sequence[Prediction] | None = None,
 ) -> Regression:
     """Least squares by Gauss-Newton steps within the plausible ranges.
 
@@ -244,6 +248,10 @@ def regress(
         Values of the freed and of any held parameter.
     near : sequence of Shapes, optional
         Of a neighbouring parameter set.
+    iterations : int
+        Most steps.
+    known : sequence of Prediction, optional
+        At the start, with derivatives by `keys`, where they are known already.
 
     Raises
     ------
@@ -255,7 +263,7 @@ def regress(
     values = dict(start)
     for key, (low, high) in zip(keys, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
-    predictions = _predict(data, keys, values, near)
+    predictions = list(known) if known is not None else _predict(data, keys, values, near)
     current = normal_equations(data, predictions, keys)
     converged, damping = False, 0.0
     for _ in range(iterations):

@@ -19,6 +19,9 @@ RINGS = ((0.0, 0.35, "apex"), (0.35, 0.75, "middle"), (0.75, 2.0, "rim"))
 SECTORS, BANDS = 8, 4
 #: What the corrected model may still miss by, in noise units: a mean is not judged below it.
 MODEL_FLOOR = 0.2
+#: Share of the variance that may persist from frame to frame: the square of what the corrected
+#: model may miss by.
+PERSISTENT = 0.3**2
 #: Chance that noise alone looks like structure.
 LEVEL = 1e-3
 _NAMES = ("dx", "dy", "dz")
@@ -56,8 +59,13 @@ class Structure:
     Attributes
     ----------
     significant : bool
+        Either measure is beyond what noise does.
     statistic, threshold : float
         Sum of squared significances, and what noise stays under.
+    persistent, allowed : float
+        Largest share of a test's noise variance that persists from frame to frame, and what noise
+        and the model's own floor stay under. Noise is drawn anew for each frame; what the model
+        misses is not, however fine it is in space.
     cells : list of Cell
         Largest significance first.
     """
@@ -65,21 +73,39 @@ class Structure:
     significant: bool
     statistic: float
     threshold: float
+    persistent: float
+    allowed: float
     cells: list[Cell]
 
 
 def structure(data: Sequence[Data], fit: Regression) -> Structure:
     """Test the regional means of the residual against correlated noise."""
     cells: list[Cell] = []
+    shares = []
     for d, p in zip(data, fit.predictions, strict=True):
         residual = (d.specimen.measured - p.displacement) / d.sigma
-        cells += cells_of(d, np.where(d.used, residual, np.nan))
+        residual = np.where(d.used, residual, np.nan)
+        cells += cells_of(d, residual)
+        shares.append(_persistent(d, residual))
+    persistent, allowed = max(shares, key=lambda pair: pair[0] - pair[1])
     z = np.array([c.significance for c in cells])
     statistic = float((z**2).sum())
     freedom = max(len(z) - len(fit.keys), 1)
     threshold = float(chi2.ppf(1 - LEVEL, freedom))
     cells.sort(key=lambda c: -abs(c.significance))
-    return Structure(statistic > threshold, statistic, threshold, cells)
+    significant = statistic > threshold or persistent > allowed
+    return Structure(significant, statistic, threshold, persistent, allowed, cells)
+
+
+def _persistent(data: Data, residual: Floats) -> tuple[float, float]:
+    """Mean product of neighbouring frames' residuals (noise units), and its limit."""
+    ordered = residual[np.argsort(data.specimen.recorded, kind="stable")]
+    product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
+    product = product[np.isfinite(product)]
+    if len(product) < 100:
+        return 0.0, 1.0
+    chance = 4.0 * float(np.sqrt(data.inflation / len(product)))
+    return float(product.mean()), data.persistent + PERSISTENT + chance
 
 
 def cells_of(data: Data, residual: Floats) -> list[Cell]:

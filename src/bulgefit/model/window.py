@@ -1,7 +1,7 @@
 """The mean over the correlation window of DIC, as an operator on nodal fields.
 
-A subset of radius w reports about the mean of the displacement over its disc. Here that is the
-mean over a centre and two rings; what lies beyond the rim drops out. The smooth field is laid once
+A subset of radius w reports about the mean of the displacement over its disc. Here that is a
+weighted mean over two rings; what lies beyond the rim drops out. The smooth field is laid once
 on a square grid that is finer than the mesh, and cubic interpolation on the grid takes it to the
 points of any window: moving the points or the window costs a hundredth of new splines.
 """
@@ -23,17 +23,17 @@ Floats = NDArray[np.float64]
 #: Spacing of the grid over the mesh's radius, and how far the grid reaches beyond it.
 _SPACING, _REACH = 0.025, 1.08
 
-#: Points of the window, in its radius: a centre and two rings of equal area shares.
+#: Gauss's two points in the squared radius, in which a disc's area is even, as rings of 6 and 12.
+_RINGS = ((np.sqrt(0.5 - np.sqrt(1.0 / 12.0)), 6), (np.sqrt(0.5 + np.sqrt(1.0 / 12.0)), 12))
+#: Points of the window, in its radius, and their shares: exact for polynomials of degree 5.
 _POINTS = np.concatenate(
     [
-        [[0.0, 0.0]],
-        *(
-            r * np.stack([np.cos(a), np.sin(a)], axis=1)
-            for r, n in ((0.5, 6), (0.866, 12))
-            for a in [2 * np.pi * (np.arange(n) + 0.25 * n / 6) / n]
-        ),
+        r * np.stack([np.cos(a), np.sin(a)], axis=1)
+        for r, n in _RINGS
+        for a in [2 * np.pi * (np.arange(n) + 0.25 * n / 6) / n]
     ]
 )
+_SHARES = np.concatenate([np.full(n, 0.5 / n) for _, n in _RINGS])
 
 
 @dataclass(eq=False)
@@ -62,8 +62,9 @@ class Window:
         """Operators of the mean over discs of radius `window` (mm) round points (m, 2) mm."""
         spread = points[:, None] + window * _POINTS
         inside = (spread**2).sum(axis=-1) <= self.radius**2
-        inside[:, 0] = True
-        share = inside / inside.sum(axis=1, keepdims=True)
+        inside |= ~inside.any(axis=1, keepdims=True)  # registered wholly beyond: nothing drops out
+        share = inside * _SHARES
+        share = share / share.sum(axis=1, keepdims=True)
 
         size = 2 * self._half + 1
         place = spread / self._spacing + self._half
