@@ -22,6 +22,8 @@ FLOORS = {
     "model": 2,
     "fem": 1,
     "dic": 1,
+    "workers": 0,
+    "spread": 0,
     "files": 0,
     "threads": 0,
     "errors": 0,

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
 __all__ = ["one_blas_thread"]
+
+_lock = threading.Lock()
+_blocks = 0
+_limit: Any = None
 
 
 @lru_cache(maxsize=1)
@@ -21,6 +26,19 @@ def _controller() -> Any:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS to one thread: its matrices are small here, and threads only get in their way."""
-    with _controller().limit(limits=1, user_api="blas"):
+    """Hold BLAS to one thread: its matrices are small here, and threads only get in their way.
+
+    The limit is the process's: the first block of any thread sets it, the last one lifts it.
+    """
+    global _blocks, _limit
+    with _lock:
+        if _blocks == 0:
+            _limit = _controller().limit(limits=1, user_api="blas")
+        _blocks += 1
+    try:
         yield
+    finally:
+        with _lock:
+            _blocks -= 1
+            if _blocks == 0:
+                _limit.restore_original_limits()

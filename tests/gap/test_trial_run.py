@@ -54,7 +54,8 @@ class Inline(Executor):
 
 
 def small(tmp_path, number=3, **options):
-    options = {"executor": Inline(), "diagnose": silent, "recipe": SMALL, **options}
+    here = {"makers": Inline(), "executor": Inline()}
+    options = {**here, "diagnose": silent, "recipe": SMALL, **options}
     return run_trial(number, 5, output=tmp_path / "trial", **options)
 
 
@@ -163,9 +164,8 @@ def test_bad_input_is_one_line(tmp_path, words, said):
 
 def test_verb_prints_the_table_and_writes_json(tmp_path, monkeypatch, capsys):
     def fake(number, seed, **options):
-        return run_trial(
-            number, seed, **{**options, "recipe": SMALL}, diagnose=silent, executor=Inline()
-        )
+        here = {"makers": Inline(), "executor": Inline(), "recipe": SMALL, "diagnose": silent}
+        return run_trial(number, seed, **{**options, **here})
 
     monkeypatch.setattr(trial, "run_trial", fake)
     file = tmp_path / "result.json"

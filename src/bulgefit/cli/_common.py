@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.errors import InputError
@@ -17,10 +19,12 @@ if TYPE_CHECKING:
 __all__ = [
     "add_json_arguments",
     "add_material_arguments",
+    "add_scheduler_argument",
     "add_solver_arguments",
     "add_workers_argument",
     "announce_kernels",
     "check_json_target",
+    "executor_from",
     "load_mesh",
     "material_from",
     "mesh_from",
@@ -296,6 +300,39 @@ def workers_from(args: argparse.Namespace) -> int:
     if args.workers < 1:
         raise InputError(f"--workers {args.workers}: give 1 or more")
     return int(args.workers)
+
+
+def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --scheduler ADDRESS, beside --workers."""
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="work on the workers of this Dask scheduler instead, which have the same versions "
+        "installed; needs bulgefit[cluster] (default: this machine)",
+    )
+
+
+@contextmanager
+def executor_from(args: argparse.Namespace, *, processes: bool = False) -> Iterator[Executor]:
+    """The executor that --workers and --scheduler name, until the block ends.
+
+    Parameters
+    ----------
+    processes : bool
+        Processes instead of threads, where --workers of this machine do the work.
+
+    Raises
+    ------
+    InputError
+        Both were given, or no scheduler answers.
+    """
+    from bulgefit.workers import open_executor
+
+    if args.scheduler is not None and args.workers is not None:
+        raise InputError("--workers and --scheduler do not go together: a cluster has its own")
+    workers = workers_from(args)
+    with open_executor(workers, args.scheduler, processes=processes) as executor:
+        yield executor
 
 
 def announce_kernels(args: argparse.Namespace) -> None:

@@ -122,6 +122,7 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         help="stop where the objective falls by less than this part (default: 1e-6)",
     )
     _common.add_workers_argument(parser)
+    _common.add_scheduler_argument(parser)
 
 
 def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
@@ -171,7 +172,6 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
         "seed": args.seed,
         "method": args.method,
         "limits": Limits(evaluations=args.max_evaluations, objective_change=args.tolerance),
-        "workers": _common.workers_from(args),
     }
 
 

@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
 
     _common.announce_kernels(args)
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
-    result = crossval(tests, args.objective, **options)
+    with _common.executor_from(args) as executor:
+        result = crossval(tests, args.objective, executor=executor, **options)
     if args.json is not None:
         _common.write_json(result, args.json, args.force)
     if not _common.prints_json(args):

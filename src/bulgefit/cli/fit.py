@@ -71,10 +71,12 @@ def run(args: argparse.Namespace) -> int:
         f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
         f"{args.starts} starts",
     )
-    result = fit(tests, args.objective, **options)
-    payload = result.to_dict()
-    if args.cross_table:
-        payload["cross_table"] = _cross_table(args, result, tests, options)
+    with _common.executor_from(args) as executor:
+        options["executor"] = executor
+        result = fit(tests, args.objective, **options)
+        payload = result.to_dict()
+        if args.cross_table:
+            payload["cross_table"] = _cross_table(args, result, tests, options)
     if args.json is not None:
         _common.write_json(payload, args.json, args.force)
     if not _common.prints_json(args):

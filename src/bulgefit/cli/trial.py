@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
 from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -20,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Make bulge tests with a drawn effect and size, seal the truth (its SHA-256 is printed\n"
         "before any diagnosis starts), diagnose them blind in other processes, then open the\n"
         "truth and score. Tests have no effect, one, two, or one from outside the catalogue.\n"
-        "Sizes in the score are in mm. The same seed makes the same tests."
+        "Sizes in the score are in mm. The same seed makes the same tests. With --scheduler tests\n"
+        "are made here and diagnosed there, and all workers must see the folder --output."
     )
     parser.epilog = (
         "examples:\n"
@@ -62,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="tests, sealed truths and answers go here; empty, or made",
     )
     _common.add_workers_argument(parser)
+    _common.add_scheduler_argument(parser)
     _common.add_json_arguments(parser)
 
 
@@ -80,16 +87,21 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.gap.trial import run_trial
 
     _common.announce_kernels(args)
-    result = run_trial(
-        args.number,
-        args.seed,
-        output=Path(args.output),
-        kinds=kinds,
-        strike=args.strike,
-        workers=workers,
-        recipe=Recipe(shrink=args.shrink),
-        say=lambda line: _common.progress(args, line),
-    )
+    elsewhere: AbstractContextManager[Executor | None] = nullcontext()
+    if args.scheduler is not None:
+        elsewhere = _common.executor_from(args)
+    with elsewhere as executor:
+        result = run_trial(
+            args.number,
+            args.seed,
+            output=Path(args.output),
+            kinds=kinds,
+            strike=args.strike,
+            workers=workers,
+            recipe=Recipe(shrink=args.shrink),
+            executor=executor,
+            say=lambda line: _common.progress(args, line),
+        )
     result["meta"]["versions"] = _common.versions()
     if args.json is not None:
         _common.write_json(result, args.json, args.force)

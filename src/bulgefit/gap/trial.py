@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
+import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from itertools import count
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,9 @@ from bulgefit.files import atomic_write_text
 from bulgefit.gap.made_draws import FOREIGN, KINDS, KNOWN
 from bulgefit.gap.made_tests import Recipe, make_test
 from bulgefit.gap.scoring import judge, score
+from bulgefit.spread import spread
 from bulgefit.threads import one_blas_thread
+from bulgefit.workers import open_executor
 
 __all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "seal"]
 
@@ -91,6 +94,7 @@ def run_trial(
     recipe: Recipe | None = None,
     options: Mapping[str, Any] | None = None,
     diagnose: Diagnose | None = None,
+    makers: Executor | None = None,
     executor: Executor | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
@@ -116,8 +120,9 @@ def run_trial(
     diagnose : callable, optional
         Called as `diagnose([test], **options)`, gives an object with `to_dict()`; it must be
         importable by a fresh process. Default: `bulgefit.gap.diagnosis.diagnose`.
-    executor : Executor, optional
-        Default: fresh processes.
+    makers, executor : Executor, optional
+        Where tests are made, and where they are diagnosed. Default: fresh processes each, so that
+        no process that diagnoses has known a truth. Workers on other machines must share `output`.
     say : callable
         Told about the progress, line by line.
 
@@ -135,13 +140,12 @@ def run_trial(
     chosen = plan(number, seed, kinds)
     folder = _folder(output)
     recipe = recipe or Recipe()
-    with _pool(executor, workers) as pool:
+    with _pool(makers, workers) as pool:
         jobs = [(str(folder), i, kind, seed, recipe) for i, kind in enumerate(chosen)]
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
     seals = {name: digest for name, digest, _ in made}
     _write_seals(folder, seals, say)
     struck = {name: effects if strike else [] for name, _, effects in made}
-    # not the processes that made the tests
     with _pool(executor, workers) as pool:
         answers = _answers(pool, folder, struck, dict(options or {}), diagnose, say)
     records = [
@@ -185,21 +189,15 @@ def diagnose_file(
     return dict(_plain({**answer, "seconds": time.perf_counter() - start}))
 
 
-@contextmanager
-def _pool(executor: Executor | None, workers: int) -> Iterator[Executor]:
+def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Executor]:
     """The executor given, or fresh processes that end with the block."""
     if executor is not None:
-        yield executor
-        return
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
+        return nullcontext(executor)
+    return open_executor(workers, processes=True)
 
 
 def _folder(output: str | Path) -> Path:
-    folder = Path(output)
+    folder = Path(output).absolute()  # a worker may stand elsewhere
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: holds something; name an empty or a new folder")
     try:
@@ -210,7 +208,7 @@ def _folder(output: str | Path) -> Path:
     return folder
 
 
-def _make(job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, list[str]]:
+def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, list[str]]:
     """Make one test and its sealed truth; its name, the seal, and what to strike."""
     folder, index, kind, seed, recipe = job
     name = f"test_{index:04d}"
@@ -221,9 +219,13 @@ def _make(job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, list[str]]:
     return name, seal(text), [e for e in made.truth["effects"] if e in KNOWN]
 
 
-def _answer(job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict[str, Any]:
+def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict[str, Any]:
     """Diagnose one test without its struck effects."""
     path, options, struck, diagnose = job
+    if not Path(path).is_file():  # which is no answer
+        raise InputError(
+            f"{path}: not seen from {socket.gethostname()}; name a folder that all workers share"
+        )
     if struck:
         options = {**options, "effects": [e for e in KNOWN if e not in struck]}
     return diagnose_file(path, options, diagnose)
@@ -253,15 +255,13 @@ def _answers(
 
 def _all(
     pool: Executor,
-    work: Callable[[Any], Any],
+    work: Callable[[None, Any], Any],
     jobs: Sequence[Any],
     tell: Callable[[int, int, Any], None],
 ) -> list[Any]:
     """Results in the order of the jobs; `tell` gets number done, index and result of each."""
-    futures = {pool.submit(work, job): index for index, job in enumerate(jobs)}
-    for number, future in enumerate(as_completed(futures), 1):
-        tell(number, futures[future], future.result())
-    return [future.result() for future in futures]
+    number = count(1)
+    return spread(pool, work, None, jobs, lambda i, result: tell(next(number), i, result))
 
 
 def _write_seals(folder: Path, seals: Mapping[str, str], say: Callable[[str], None]) -> None:

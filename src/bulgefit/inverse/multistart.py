@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import nullcontext
 from functools import partial
 
@@ -13,9 +14,11 @@ from scipy.stats import qmc
 from bulgefit.errors import InputError
 from bulgefit.inverse.minimise import GAUSS_NEWTON, Descent, Limits, descend
 from bulgefit.inverse.problem import Problem
+from bulgefit.spread import spread
 from bulgefit.threads import one_blas_thread
+from bulgefit.workers import open_executor
 
-__all__ = ["multistart", "starting_points"]
+__all__ = ["descents", "multistart", "starting_points"]
 
 Floats = NDArray[np.floating]
 
@@ -48,21 +51,52 @@ def multistart(
         See `bulgefit.inverse.minimise.descend`.
     limits : Limits, optional
     executor : concurrent.futures.Executor, optional
-        Where to run; default: `workers` threads of this process (the kernels and LAPACK release
-        the interpreter, so the starts share the data).
+        See `descents`.
     workers : int
     """
-    points = starting_points(problem.size, starts, seed)
-    task = partial(_descend_alone, problem, method=method, limits=limits)
-    own = ThreadPoolExecutor(max_workers=workers) if executor is None else nullcontext(executor)
-    # the limit is a process's, so it is set around the pool as well as in each task
-    with one_blas_thread(), own as pool:
-        return list(pool.map(task, points))
+    jobs = [(0, point) for point in starting_points(problem.size, starts, seed)]
+    return descents(
+        [problem], jobs, method=method, limits=limits, executor=executor, workers=workers
+    )
+
+
+def descents(
+    problems: Sequence[Problem],
+    jobs: Sequence[tuple[int, Floats]],
+    *,
+    method: str = GAUSS_NEWTON,
+    limits: Limits | None = None,
+    executor: Executor | None = None,
+    workers: int = 1,
+) -> list[Descent]:
+    """A descent for each job, in their order.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+        Sent to each worker process once; it may make its items when they are asked for.
+    jobs : sequence of (index, start)
+        Which problem, and the coordinates to start from.
+    method, limits
+        See `bulgefit.inverse.minimise.descend`.
+    executor : concurrent.futures.Executor, optional
+        Where to run; default: `workers` threads of this process.
+    workers : int
+    """
+    task = partial(_descend_alone, method=method, limits=limits)
+    own = open_executor(workers) if executor is None else nullcontext(executor)
+    with own as pool:
+        return spread(pool, task, problems, jobs)
 
 
 def _descend_alone(
-    problem: Problem, start: Floats, *, method: str, limits: Limits | None
+    problems: Sequence[Problem],
+    job: tuple[int, Floats],
+    *,
+    method: str,
+    limits: Limits | None,
 ) -> Descent:
     """One descent on one BLAS thread, so that rounding does not depend on the machine."""
+    index, start = job
     with one_blas_thread():
-        return descend(problem, start, method, limits)
+        return descend(problems[index], start, method, limits)

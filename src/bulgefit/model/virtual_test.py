@@ -105,6 +105,10 @@ class VirtualTests:
         # the points are kept beside their operator, so that their id stays theirs
         self._observations: dict[tuple[int, float, float], tuple[Floats, Observation]] = {}
 
+    def __getstate__(self) -> dict[str, object]:
+        # an id means another array in another process, or none
+        return {**self.__dict__, "_observations": {}}
+
     def _membrane(self, test: BulgeTest) -> Membrane:
         setup = self.setup
         mesh = setup.mesh or disc(test.radius, setup.refine)

@@ -1,0 +1,150 @@
+"""Does --scheduler work, and say in one line why it does not?"""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from bulgefit import workers
+from bulgefit.cli.main import main
+from bulgefit.fem.mesh import disc
+from bulgefit.model.observation import observe
+from bulgefit.simulation import simulate
+
+TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
+SMALL = ["--bounds", "E1=200:500,E2=150:400,G12=10:60", "--refine", "2", "--starts", "2"]
+
+
+@pytest.fixture(scope="module")
+def tests_made(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Two made tests of 60 points."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-60, 60, (60, 2))
+    pressure = np.array([0.05, 0.1, 0.2])
+    mesh = disc(100.0, 2)
+    seen = observe(mesh, points)(simulate(TRUTH, pressure, mesh=mesh).displacement)
+    files = []
+    for i in range(2):
+        files.append(str(tmp_path_factory.mktemp("made") / f"test{i}.npz"))
+        np.savez(
+            files[-1],
+            reference=np.column_stack([points, np.zeros(60)]),
+            displacement=seen + rng.normal(0, 0.01, seen.shape),
+            pressure=pressure,
+            radius=100.0,
+            thickness=0.81,
+            poisson_ratio=0.24,
+        )
+    return files
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """Address of a local Dask scheduler with two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as found:
+        yield found.scheduler_address
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line on stderr."""
+    assert main([*words, "--quiet"]) == 2
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    return output.err
+
+
+@pytest.mark.parametrize("verb", ["fit", "crossval"])
+def test_a_cluster_gives_the_same(
+    verb: str, tests_made: list[str], cluster: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = []
+    for where in (["--workers", "1"], ["--scheduler", cluster]):
+        assert main([verb, *tests_made, *SMALL, *where, "--json", "-", "--quiet"]) == 0
+        output = capsys.readouterr()
+        found.append(json.loads(output.out))
+        found[-1].pop("seconds", None)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    "address", ["here", "tcp://here", "tcp://127.0.0.1", "http://127.0.0.1:80", "tcp://a:b", "tcp:"]
+)
+def test_bad_addresses(
+    address: str, tests_made: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed")
+    said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", address)
+    assert "give its address as tcp://host:port" in said
+
+
+@pytest.mark.parametrize("speaks", [None, b"", b"SSH-2.0-OpenSSH_9.2", b"short"])
+def test_nobody_or_somebody_else_answers(
+    speaks: bytes | None,
+    tests_made: list[str],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "PATIENCE", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        if speaks is None:
+            server.close()
+        else:
+
+            def answer() -> None:
+                with server.accept()[0] as line, suppress(OSError):
+                    line.sendall(speaks)
+                    line.settimeout(5)
+                    line.recv(1)
+
+            threading.Thread(target=answer, daemon=True).start()
+        said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", address)
+    assert f"scheduler {address}: no Dask scheduler answers there (" in said
+    assert "start one with `dask scheduler`" in said
+
+
+def test_a_scheduler_without_workers(
+    tests_made: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "PATIENCE", 0.5)
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", protocol="tcp") as empty:
+        said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", empty.scheduler_address)
+    assert "it has no workers; start some with `dask worker tcp://" in said
+
+
+def test_workers_with_other_versions(
+    tests_made: list[str],
+    cluster: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(workers, "version", lambda name: "0.0")
+    said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", cluster)
+    assert "(here 0.0)" in said
+    assert "install there what is installed here" in said
+
+
+def test_dask_is_not_installed(
+    tests_made: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", "tcp://127.0.0.1:8786")
+    assert "pip install 'bulgefit[cluster]'" in said
+
+
+def test_not_with_workers(tests_made: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--scheduler", "tcp://127.0.0.1:8786", "--workers", "2"]
+    assert "do not go together" in refused(capsys, "fit", *tests_made, *SMALL, *words)

@@ -1,0 +1,214 @@
+"""One result wherever the work is done, whoever dies over it, and the data sent once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import BulgefitError, InputError
+from bulgefit.inverse.fit import fit
+from bulgefit.inverse.result import FitResult
+from bulgefit.model.virtual_test import Setup
+from bulgefit.spread import spread
+from bulgefit.workers import Processes, open_executor
+
+Maker = Callable[..., BulgeTest]
+BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
+
+
+class Data:
+    """Something large that writes down which process unpickles it."""
+
+    def __init__(self, log: Path) -> None:
+        self.log = log
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ = state
+        with self.log.open("a") as file:
+            file.write(f"{os.getpid()}\n")
+
+    def readers(self) -> list[int]:
+        """The processes that unpickled it, in order."""
+        return [int(line) for line in self.log.read_text().split()] if self.log.exists() else []
+
+
+def who(data: Data, item: int) -> tuple[int, int]:
+    assert data.log.name == "readers"
+    time.sleep(0.05)
+    return os.getpid(), item
+
+
+def die_once(data: Data, item: int) -> int:
+    """The process that gets item 2 kills itself, the first time."""
+    mark = data.log.with_name("died")
+    time.sleep(0.1)
+    if item == 2 and not mark.exists():
+        mark.write_text(str(os.getpid()))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item * item
+
+
+def die(data: None, item: int) -> None:
+    os._exit(1)
+
+
+def refuse(data: None, item: int) -> None:
+    raise InputError(f"item {item} is refused")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """Address of a local Dask scheduler with two worker processes."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+    ) as found:
+        yield found.scheduler_address
+
+
+def test_threads_share_the_data_themselves(tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    with open_executor(2) as pool:
+        found = spread(pool, who, data, range(6))
+    assert found == [(os.getpid(), i) for i in range(6)]
+    assert data.readers() == []
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["ours", "the caller's"])
+def test_each_process_reads_the_data_once(own: bool, tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    with Processes(2) if own else ProcessPoolExecutor(2) as pool:
+        for _ in range(2):
+            found = spread(pool, who, data, range(10))
+    workers = {pid for pid, _ in found}
+    assert [item for _, item in found] == list(range(10))
+    assert os.getpid() not in workers
+    assert workers <= set(data.readers())
+    assert len(data.readers()) == len(set(data.readers())) <= 2
+
+
+def test_each_worker_of_a_cluster_reads_the_data_once(cluster: str, tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    with open_executor(scheduler=cluster) as pool:
+        found = spread(pool, who, data, range(20))
+    workers = [pid for pid, _ in found]
+    assert [item for _, item in found] == list(range(20))
+    assert len(set(workers)) == 2
+    assert sorted(data.readers()) == sorted(set(workers))
+
+
+def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    said: dict[int, int] = {}
+    with open_executor(2, processes=True) as pool:
+        found = spread(pool, die_once, data, range(6), said.__setitem__)
+    assert (tmp_path / "died").exists()
+    assert found == [0, 1, 4, 9, 16, 25]
+    assert said == dict(enumerate(found))
+
+
+def test_processes_that_always_die_are_given_up() -> None:
+    with (
+        open_executor(2, processes=True) as pool,
+        pytest.raises(BulgefitError, match=r"3 of 3 tasks were lost 3 times .* fewer workers"),
+    ):
+        spread(pool, die, None, range(3))
+    with (
+        ProcessPoolExecutor(1) as pool,
+        pytest.raises(BulgefitError, match="a worker process died, and its executor with it"),
+    ):
+        spread(pool, die, None, range(3))
+
+
+def test_a_worker_of_a_cluster_that_dies(cluster: str, tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    with open_executor(scheduler=cluster) as pool:
+        assert spread(pool, die_once, data, range(8)) == [i * i for i in range(8)]
+    assert (tmp_path / "died").exists()
+
+
+def test_errors_of_tasks_come_through(cluster: str) -> None:
+    for options in ({}, {"processes": True}, {"scheduler": cluster}):
+        with (
+            open_executor(1, **options) as pool,
+            pytest.raises(InputError, match="item 0 is refused"),
+        ):
+            spread(pool, refuse, None, [0])
+
+
+class Losing(Executor):
+    """A cluster that lost the data that its tasks need, for a while."""
+
+    def __init__(self, times: int) -> None:
+        self.times, self.status, self._client = times, "running", self
+
+    def scatter(self, values: list[Any], **_: Any) -> list[Any]:
+        self.times -= 1
+        return values
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if self.times < 0:
+            future.set_result(fn(*args))
+        else:
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        return future
+
+
+def test_data_that_a_cluster_lost_are_sent_again(tmp_path: Path) -> None:
+    data = Data(tmp_path / "readers")
+    assert [i for _, i in spread(Losing(1), who, data, range(3))] == [0, 1, 2]
+    with pytest.raises(BulgefitError, match="3 of 3 tasks were lost 3 times"):
+        spread(Losing(3), who, data, range(3))
+    gone = Losing(1)
+    gone.status = "closed"
+    with pytest.raises(BulgefitError, match="scheduler was lost"):
+        spread(gone, who, data, range(3))
+
+
+def same_but_for_time(result: FitResult) -> dict[str, Any]:
+    found = result.to_dict()
+    del found["seconds"]
+    return found
+
+
+def test_a_fit_is_the_same_to_the_last_bit(
+    make: Maker, setup: Setup, cluster: str, tmp_path: Path
+) -> None:
+    """One thread, two, two processes, and a cluster of which a worker is killed in mid-run."""
+    distributed = pytest.importorskip("distributed")
+    tests = [make(noise=0.05, name="a"), make(noise=0.05, seed=1, name="b")]
+    options: dict[str, Any] = {"bounds": BOUNDS, "starts": 6, "setup": setup}
+    one = same_but_for_time(fit(tests, **options))
+    assert same_but_for_time(fit(tests, workers=2, **options)) == one
+    with open_executor(2, processes=True) as pool:
+        assert same_but_for_time(fit(tests, executor=pool, **options)) == one
+    with distributed.Client(cluster, set_as_default=False) as client:
+        first = min(client.run(os.getpid).values())
+        killed = threading.Thread(target=_kill_a_busy_one, args=(client, first))
+        killed.start()
+        found = same_but_for_time(fit(tests, executor=client.get_executor(), **options))
+        killed.join()
+        assert first not in client.run(os.getpid).values()
+    assert found == one
+
+
+def _kill_a_busy_one(client: Any, pid: int) -> None:
+    """Kill a worker process as soon as it works."""
+    while True:
+        busy = {address for address, keys in client.processing().items() if keys}
+        pids = client.run(os.getpid, workers=list(busy)) if busy else {}
+        if pid in pids.values():
+            os.kill(pid, signal.SIGKILL)
+            return
+        time.sleep(0.01)
