@@ -52,7 +52,7 @@ def deck(case: np.lib.npyio.NpzFile) -> str:
     lines += [
         f"*STEP, NLGEOM, INC={20 * len(levels)}",
         "*STATIC",
-        f"1e-6, 1., 1e-6, {1.0 / len(levels):.12g}",
+        f"1e-7, 1., 1e-12, {1.0 / len(levels):.12g}",
         "*DLOAD",
         f"FABRIC, P1, {float(levels[-1]):.12g}",
         f"*NODE PRINT, NSET=APEX, FREQUENCY={len(levels)}",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,20 @@ Floats = NDArray[np.float64]
 
 #: Corrections (mm, for a radius of 100 mm) below which a shape counts as balanced.
 CORRECTION = 1e-9
+#: Corrections (mm, for a radius of 100 mm) above which the factor is renewed.
+RENEWED_ABOVE = 1e-6
+#: Corrections by one factor that cost less than another factorisation.
+CORRECTIONS = 3
 #: Steps (mm, for a radius of 100 mm) up to which a tangent that is kept may be off its balance.
 KEPT_WITHIN = 1e-4
 #: Iterations from a rough guess, and from the prediction of a path.
 FROM_AFAR, FROM_NEAR = 60, 12
-#: Steps over the radius after which another factorisation will be needed.
-TANGENT_ABOVE = 1e-5
+#: Corrections by a factor that has served before are made where they are shorter than this share
+#: of the step before: they cost a tenth of a factorisation.
+AGAIN_BELOW = 0.25
+#: Newton's method converges quadratically: a step whose successor, by this rule and this factor of
+#: safety, is below `CORRECTION` is the last.
+SAFETY = 10.0
 
 
 class NewtonError(ArithmeticError):
@@ -45,7 +53,7 @@ class Equilibrium:
     displacement : (n, 3) array, mm
     factor : Factor
         Of the tangent at the shape before the last full step, a step so short that the next
-        correction was below `renew_above`.
+        correction was below `RENEWED_ABOVE`; or of a farther one that the search made do with.
     tangent : tuple of arrays, or None
         On request, that shape (n, 3), then within `KEPT_WITHIN` of the balance, and the tangent
         there, as the linear solver stores it.
@@ -96,14 +104,15 @@ def solve(
     pressure: float,
     stiffness: Floats,
     *,
-    renew_above: float = 1e-6,
+    thrifty: bool = False,
     follow: bool = False,
     keep_tangent: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
-    Newton steps on the exact tangent while corrections are large; once they are small the last
-    factor serves for the rest. A step counts as progress where the next correction by the same
+    Newton steps on the exact tangent while corrections are large, each followed by one more
+    correction with the same factor; once they are small the last factor serves for the rest. A
+    step counts as progress where the next correction by the same
     factor is smaller (the natural monotonicity test of Deuflhard, 2004, eq. 3.31), or where it
     lowers the potential of a stable shape; else it is halved.
 
@@ -117,8 +126,9 @@ def solve(
     start : (n, 3) array, mm
     pressure : float, MPa
     stiffness : (4,) array, MPa
-    renew_above : float, mm
-        Corrections above this need a new factor.
+    thrifty : bool
+        Return the factor of a shape that is farther off, if it serves to balance this one: half
+        the factorisations, for those who can do with such a factor.
     follow : bool
         The start is a prediction along a path.
     keep_tangent : bool
@@ -141,7 +151,11 @@ def solve(
         before, tangent = displacement, state.tangent
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         step = float(np.abs(displacement - before).max())
-        near = np.abs(correction).max() <= renew_above * unit and search.shift == 0.0
+        ahead = float(np.abs(correction).max())
+        enough = RENEWED_ABOVE * unit
+        if thrifty and stable:
+            enough = max(enough, search.within_reach(step))
+        near = ahead <= enough and search.shift == 0.0
         if near and (not keep_tangent or step <= KEPT_WITHIN * unit):
             polished = search.polish(displacement, factor, correction, step, unit)
             if polished is not None:
@@ -149,6 +163,8 @@ def solve(
                 return Equilibrium(
                     pressure, polished, factor, search.work, state.wrinkled, stable, kept
                 )
+        elif ahead <= AGAIN_BELOW * step:
+            displacement = displacement + membrane.spread(correction)
     raise NewtonError(
         f"no convergence in {iteration} iterations", iteration, _norm(state), search.work
     )
@@ -173,6 +189,8 @@ class _Search:
         self.follow, self.keep_tangent = follow, keep_tangent
         self.shift = 0.0
         self.work = 0
+        #: What follows a full step over its size squared, 1/mm; known after the first.
+        self.rate = np.inf
 
     def factor(self, displacement: Floats, state: State, iteration: int) -> tuple[Factor, bool]:
         """A factor to step with, and whether the tangent itself is positive definite."""
@@ -200,21 +218,27 @@ class _Search:
     def step(
         self, displacement: Floats, state: State, factor: Factor, iteration: int
     ) -> tuple[Floats, State, Floats]:
-        """A step that makes progress; the new shape, its state, and the next correction (N,)."""
+        """A step that makes progress; the new shape, its state, and the next correction (N,).
+
+        A step that will be the last is not looked at again.
+        """
         step = -factor.solve(state.residual)
         size = float(np.abs(step).max())
+        if self.shift == 0.0 and SAFETY * self.rate * size**2 <= CORRECTION * self._unit:
+            last = displacement + self.membrane.spread(step)
+            return last, replace(state, tangent=None), np.zeros_like(step)
         slope = float(state.residual @ step)
-        # after a long step the next iteration needs the tangent, so get it in the same sweep
-        far = size > TANGENT_ABOVE * self.membrane.radius
         fraction = 1.0
         for _ in range(6 if self.follow else 25):
             trial = displacement + self.membrane.spread(fraction * step)
-            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=far)
+            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=False)
             if np.isfinite(new.potential):
                 correction = -factor.solve(new.residual)
-                natural = float(np.abs(correction).max()) <= (1 - 0.5 * fraction) * size
+                ahead = float(np.abs(correction).max())
+                natural = ahead <= (1 - 0.5 * fraction) * size
                 lower = new.potential <= state.potential + 1e-4 * fraction * slope
                 if natural or (lower and not self.follow) or size <= self._rounding:
+                    self.rate = ahead / size**2 if fraction == 1.0 else np.inf
                     return trial, new, correction
             fraction *= 0.5
         raise NewtonError("no step makes progress", iteration, _norm(state), self.work)
@@ -238,6 +262,19 @@ class _Search:
             state = self.membrane.state(displacement, self.pressure, self.stiffness, tangent=False)
             correction = -factor.solve(state.residual)
         return None
+
+    def within_reach(self, step: float) -> float:
+        """Correction (mm) after a step of this size that `CORRECTIONS` more would make vanish.
+
+        They shrink by a rate of about twice the first: c (2 c/step)^n = `CORRECTION`.
+        """
+        n = CORRECTIONS
+        return float((CORRECTION * self._unit * (0.5 * step) ** n) ** (1.0 / (n + 1)))
+
+    @property
+    def _unit(self) -> float:
+        """Lengths are given for a radius of 100 mm."""
+        return self.membrane.radius / 100.0
 
     @property
     def _rounding(self) -> float:

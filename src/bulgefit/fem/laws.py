@@ -299,8 +299,9 @@ def _condense(a1, a2, at):
 @compiled
 def _is_compressed(at, q):
     """True where the lower principal stress is negative, beyond rounding."""
-    low = 0.5 * (at[1] + at[2]) - math.hypot(0.5 * (at[1] - at[2]), at[3])
-    return low < -1e-13 * (q[0] + q[1])
+    slight = 1e-13 * (q[0] + q[1])
+    s11, s22 = at[1] + slight, at[2] + slight
+    return s11 < 0.0 or s22 < 0.0 or s11 * s22 < at[3] * at[3]
 
 
 @compiled

@@ -30,6 +30,10 @@ Floats = NDArray[np.float64]
 #: SuperLU has to do for larger ones (docs/performance.md).
 BANDED_UP_TO = {"pardiso": 4_000, "superlu": 16_000}
 
+#: Bytes of a band up to which its memory is used again: fresh memory takes a tenth of the time of
+#: a small factorisation, and next to nothing of a large one.
+_REUSED_UP_TO = 2**24
+
 _ROWS, _COLUMNS = np.tril_indices(12)
 
 
@@ -65,6 +69,10 @@ class LinearSolver(Protocol):
     dof: NDArray[np.int64]
     scatter: NDArray[np.int64]
     length: int
+
+    def blank(self) -> Floats:
+        """An array (length,) of any content, to assemble in."""
+        ...
 
     def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> Factor:
         """Factor of the tangent plus `shift` times its mean diagonal entry on the diagonal.
@@ -115,17 +123,36 @@ class BandedCholesky:
         # column-major: entry (i, j), i >= j, stands at row i - j of column j
         place = np.minimum(row, column) * self._height + below
         self.scatter = np.where(kept, place, self.length - 1)
+        self._idle: list[Floats] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_idle": []}
+
+    def blank(self) -> Floats:
+        """An array (length,) of any content: that of a factor that is gone, or a new one."""
+        try:
+            return self._idle.pop()
+        except IndexError:
+            return np.empty(self.length)
 
     def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> BandedFactor:
         """In place where `data` is spent; raises NotPositiveDefiniteError."""
-        band = data[:-1] if spent else data[:-1].copy()
+        if spent:
+            whole = data
+        else:
+            whole = self.blank()
+            whole[:] = data
+        band = whole[:-1]
         if shift:
             band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
         factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
         if info != 0:
             raise NotPositiveDefiniteError(f"leading minor {info}")
-        return BandedFactor(factor)
+        result = BandedFactor(factor)
+        if whole.nbytes <= _REUSED_UP_TO:
+            weakref.finalize(result, self._idle.append, whole).atexit = False
+        return result
 
     def factorise_indefinite(self, data: Floats) -> Factor:
         """LAPACK's banded LU with partial pivoting."""
@@ -203,6 +230,10 @@ class SparseLU:
         self._indices, self._indptr = full.indices, full.indptr
         self._diagonal = np.flatnonzero(i == j)
         self._rows = i
+
+    def blank(self) -> Floats:
+        """A new array (length,)."""
+        return np.empty(self.length)
 
     def factorise(self, data: Floats, shift: float = 0.0, *, spent: bool = False) -> Factor:
         """Overwrites nothing; raises NotPositiveDefiniteError."""

@@ -19,6 +19,8 @@ __all__ = ["Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
+_NO_TANGENT = np.empty(0)
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -162,7 +164,7 @@ class Membrane:
     ) -> State:
         """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
         residual = np.empty_like(self.reference)
-        data = np.empty(self.linear.length if tangent else 0)
+        data = self.linear.blank() if tangent else _NO_TANGENT
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,

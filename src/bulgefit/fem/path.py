@@ -15,16 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.errors import InputError
+from bulgefit.fem.hermite import combine, hermite_weights
 
 __all__ = ["Path", "linear_interpolation_bound"]
 
 Floats = NDArray[np.float64]
-
-#: Levels in a stencil: values and slopes make a polynomial of degree 7.
-STENCIL = 4
-
-#: Parity of (dx, dy, dz) under blowing from the other side.
-PARITY = np.array([1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +66,7 @@ class Path:
 
     def __call__(self, pressure: ArrayLike) -> Floats:
         """Displacement (k, n, 3) mm at pressures (k,) MPa: the dense output."""
-        return _combine(self.weights(pressure), self.displacement, self.slope)
+        return combine(self.weights(pressure), self.displacement, self.slope)
 
     def linear(self, pressure: ArrayLike, levels: ArrayLike) -> Floats:
         """Displacement (k, n, 3) mm, linear between `levels` (MPa) as the study interpolates."""
@@ -95,7 +90,7 @@ class Path:
         weights = self.weights(pressure)
         return np.stack(
             [
-                _combine(weights, self.sensitivity[:, j], self.sensitivity_slope[:, j])
+                combine(weights, self.sensitivity[:, j], self.sensitivity_slope[:, j])
                 for j in range(4)
             ]
         )
@@ -114,96 +109,6 @@ class Path:
                 f"range {10 * low:g} to {10 * high:g} bar"
             )
         return np.clip(p, low, high)
-
-
-def _combine(weights: tuple[Floats, Floats], values: Floats, slopes: Floats) -> Floats:
-    """Σ over levels of weights (3, k, levels) times values and slopes (levels, n, 3): (k, n, 3)."""
-    both = np.concatenate(weights, axis=2)
-    levels = np.concatenate([values, slopes])
-    # the weights of dx and dy are the same: they have one parity
-    out = both[0] @ levels.reshape(len(levels), -1)
-    out = out.reshape(len(out), *levels.shape[1:])
-    out[:, :, 2] = both[2] @ levels[:, :, 2]
-    return out
-
-
-def _nearest(knots: Floats, x: Floats, width: int) -> NDArray[np.int64]:
-    """First of the `width` consecutive knots closest to the interval that holds each x.
-
-    The choice depends on the interval alone, so the dense output is continuous.
-    """
-    count = len(knots)
-    if count <= width:
-        return np.zeros(len(x), dtype=np.int64)
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, count - 2)
-    first = np.empty_like(left)
-    for k in set(left.tolist()):
-        middle = 0.5 * (knots[k] + knots[k + 1])
-        choice = range(max(0, k + 2 - width), min(k, count - width) + 1)
-        first[left == k] = min(
-            choice, key=lambda i: max(middle - knots[i], knots[i + width - 1] - middle)
-        )
-    return first
-
-
-def hermite(knots: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Weights (k, knots) of values and slopes at `knots` in the polynomial that takes both, at x.
-
-    With Lagrange's basis l_i, the weights are (1 - 2 (x - s_i) l_i'(s_i)) l_i² and (x - s_i) l_i².
-    """
-    gaps = knots[:, None] - knots[None, :]
-    np.fill_diagonal(gaps, 1.0)
-    derivative = (1.0 / gaps).sum(axis=1) - 1.0
-    away = x[:, None] - knots
-    others = np.repeat(away[:, None, :], len(knots), axis=1)
-    others[:, np.arange(len(knots)), np.arange(len(knots))] = 1.0
-    square = (others.prod(axis=2) / gaps.prod(axis=1)) ** 2
-    return (1.0 - 2.0 * away * derivative) * square, away * square
-
-
-def _mirror(s: Floats, mirrored: bool, stencil: int) -> tuple[Floats, int]:
-    """Levels with the mirror images that a stencil may need in front; how many those are."""
-    images = min(len(s), stencil // 2) if mirrored else 0
-    return np.concatenate([-s[:images][::-1], s]), images
-
-
-def stencil_at(s: Floats, at: float, *, mirrored: bool) -> tuple[float, ...]:
-    """The levels and mirror images that the dense output goes through at `at`."""
-    knots, _ = _mirror(s, mirrored, STENCIL)
-    first = int(_nearest(knots, np.array([at]), STENCIL)[0])
-    return tuple(knots[first : first + STENCIL].tolist())
-
-
-def hermite_weights(
-    s: Floats, at: Floats, *, mirrored: bool, stencil: int = STENCIL
-) -> tuple[Floats, Floats]:
-    """Weights of level values and slopes in the dense output, each (3, k, levels).
-
-    Parameters
-    ----------
-    s : (levels,) array
-        Where the levels lie, ascending.
-    at : (k,) array
-        Where the output is wanted.
-    mirrored : bool
-        The levels have mirror images at -s.
-    stencil : int
-        Levels that one polynomial goes through.
-    """
-    count = len(s)
-    knots, images = _mirror(s, mirrored, stencil)
-    value, slope = np.zeros((2, len(at), len(knots)))
-    first = _nearest(knots, at, stencil)
-    for i in np.unique(first):
-        near, here = slice(i, i + stencil), first == i
-        value[here, near], slope[here, near] = hermite(knots[near], at[here])
-    # fold the mirror images back: u(-s) = ±u(s), ∂u/∂s(-s) = ∓∂u/∂s(s)
-    image_value, image_slope = value[:, :images][:, ::-1], slope[:, :images][:, ::-1]
-    value = np.broadcast_to(value[:, images:], (3, len(at), count)).copy()
-    slope = np.broadcast_to(slope[:, images:], (3, len(at), count)).copy()
-    value[:, :, :images] += PARITY[:, None, None] * image_value
-    slope[:, :, :images] -= PARITY[:, None, None] * image_slope
-    return value, slope
 
 
 def linear_interpolation_bound(path: Path, levels: ArrayLike) -> Floats:

@@ -29,11 +29,33 @@ ForceDerivative = Callable[[Floats, float], Floats]
 #: the rounding error 1e-16 over it.
 _ALONG = 1e-6
 
+#: Span of the central difference along a slope, relative to s; corrections of a slope that are
+#: worth another, relative to it, and the most of them.
+_WATCHED, _SLIGHT, _CORRECTIONS = 1e-4, 1e-3, 5
 
-def slope_in_pressure(membrane: Membrane, balance: Equilibrium) -> Floats:
-    """∂u/∂s, s = p^(1/3): (n, 3) mm/MPa^(1/3)."""
+
+def slope_in_pressure(membrane: Membrane, balance: Equilibrium, stiffness: Floats) -> Floats:
+    """∂u/∂s, s = p^(1/3): (n, 3) mm/MPa^(1/3).
+
+    The factor may be of a shape that is some way off. So the out-of-balance force is watched along
+    the slope, which it should not change, and what it changes corrects the slope.
+    """
+    s = np.cbrt(balance.pressure)
+    h = _WATCHED * s
     by_pressure = balance.factor.solve(membrane.pressure_force(balance.displacement))
-    return membrane.spread(3.0 * np.cbrt(balance.pressure) ** 2 * by_pressure)
+    slope = membrane.spread(3.0 * s**2 * by_pressure)
+    for _ in range(_CORRECTIONS):
+        ahead, behind = (
+            membrane.state(
+                balance.displacement + step * slope, (s + step) ** 3, stiffness, tangent=False
+            ).residual
+            for step in (h, -h)
+        )
+        correction = membrane.spread(balance.factor.solve((ahead - behind) / (2.0 * h)))
+        slope -= correction
+        if not np.abs(correction).max() > _SLIGHT * np.abs(slope).max():
+            break
+    return slope
 
 
 def parameter_sensitivity(

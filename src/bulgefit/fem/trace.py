@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.elasticity import STIFFNESS_NAMES
 from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
+from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
 from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.path import STENCIL, Path, hermite_weights, stencil_at
+from bulgefit.fem.path import Path
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
 __all__ = ["TOLERANCE", "trace"]
@@ -44,8 +45,8 @@ _APART = 0.25
 _ROUGH = 0.1
 #: Levels over the rest of the range once a path has been left for a stable one.
 _SETTLED = 6
-#: Share of the tolerance that steps aim at.
-_AIM = 0.3
+#: Share of the tolerance that steps aim at, and that no estimate may pass.
+_AIM, _SURE = 0.1, 0.8
 
 
 @dataclass(eq=False)
@@ -81,7 +82,7 @@ class _Tracer:
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
-                follow=follow, keep_tangent=self.sensitivities,
+                thrifty=True, follow=follow, keep_tangent=self.sensitivities,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
@@ -89,7 +90,7 @@ class _Tracer:
             self.failure = error
             raise
         self.work += balance.factorisations
-        slope = slope_in_pressure(self.membrane, balance)
+        slope = slope_in_pressure(self.membrane, balance, self.stiffness)
         if follow and not self.closing_in and self._is_rough(s, balance.displacement, slope):
             self.wasted += balance.factorisations
             raise NewtonError("the tangent is nearly singular", 0, 0.0, 0)
@@ -120,11 +121,11 @@ class _Tracer:
         for level in reversed(self.levels):
             if level.s <= levels[0].s - apart and len(levels) < _PREDICTOR_LEVELS:
                 levels.insert(0, level)
-        return self._blend(levels, np.array([s]), _PREDICTOR_LEVELS)[0]
+        return self._blend(levels, s, _PREDICTOR_LEVELS)
 
     def interpolate(self, s: float) -> Floats:
         """The dense output between the levels."""
-        return self._blend(self.levels, np.array([s]), STENCIL)[0]
+        return self._blend(self.levels, s, STENCIL)
 
     def _is_rough(self, s: float, displacement: Floats, slope: Floats) -> bool:
         """True where a level's slope does not fit the level below it.
@@ -168,15 +169,15 @@ class _Tracer:
         for level in self.levels[:-STENCIL]:
             level.factor = None
 
-    def _blend(self, levels: list[_Level], at: Floats, stencil: int) -> Floats:
-        value, slope = hermite_weights(
-            np.array([level.s for level in levels]), at, mirrored=self.mirrored, stencil=stencil
+    def _blend(self, levels: list[_Level], s: float, stencil: int) -> Floats:
+        weights = hermite_weights(
+            np.array([level.s for level in levels]),
+            np.array([s]),
+            mirrored=self.mirrored,
+            stencil=stencil,
         )
-        out = np.zeros((len(at), *levels[0].displacement.shape))
-        for k, level in enumerate(levels):
-            out += value[:, :, k].T[:, None, :] * level.displacement
-            out += slope[:, :, k].T[:, None, :] * level.slope
-        return out
+        values = np.array([level.displacement for level in levels])
+        return combine(weights, values, np.array([level.slope for level in levels]))[0]
 
 
 def trace(
@@ -324,7 +325,7 @@ def _refine(tracer: _Tracer, tolerance: float, closest: float) -> None:
     lowest = max(0, after - STENCIL + 1)
     while after >= lowest:
         low, high = tracer.levels[after].s, tracer.levels[after + 1].s
-        done = tracer.error(after) <= tolerance or high - low < closest or low in singular
+        done = tracer.error(after) <= _SURE * tolerance or high - low < closest or low in singular
         if not done and tracer.wasted <= _PATIENCE:
             middle = 0.5 * (low + high)
             try:
