@@ -269,8 +269,8 @@ def main() -> None:
             "", "## Growth with the mesh: milliseconds, the automatic choice in bold", "", *table,
             "", *slopes, "",
             "What to choose: nothing up to 4,000 free displacements, which the default mesh is "
-            "well within. For finer meshes install `bulgefit[pardiso]` (x86-64); it is then used by "
-            "itself. Without it, banded Cholesky serves up to 16,000 and SuperLU beyond; a path "
+            "well within. For finer meshes install `bulgefit[pardiso]` (x86-64); it is then used "
+            "by itself. Without it, banded Cholesky serves up to 16,000 and SuperLU beyond; a path "
             "keeps up to five factors, which at 25,000 take 1.2 GB as bands and 0.7 GB in SuperLU.",
         ]  # fmt: skip
     lines += ["", "## First run", "", f"Compiles for {first_run():.1f} s; later runs do not."]
