@@ -20,12 +20,17 @@ STATES = {
     WRINKLED: [(1.1, 0.8, 0.02), (0.75, 1.06, -0.05), (1.02, 0.96, 0.09)],
     SLACK: [(0.9, 0.8, 0.02)],
 }
+#: Slack, gains, bends and knee of a fabric whose stress is linear in strain, and of one where not.
+STRAIGHT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01)
+CURVED = (0.002, -0.001, 500.0, 300.0, -100.0, 60.0, 0.012)
 CASES = [(state, c) for state, many in STATES.items() for c in many]
 
 
-def respond(c: tuple[float, ...], law: str, *, relax: bool = True) -> tuple[int, np.ndarray]:
+def respond(
+    c: tuple[float, ...], law: str, *, relax: bool = True, curve: tuple[float, ...] = STRAIGHT
+) -> tuple[int, np.ndarray]:
     out = np.empty(10)
-    q = (*map(float, STIFFNESS), 0.0, 0.0, 0.0, 0.0)
+    q = (*map(float, STIFFNESS), *curve)
     return int(point_response(*c, q, LAWS[law], relax, out)), out
 
 
@@ -36,10 +41,11 @@ def tangent(out: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("state", "c"), CASES)
+@pytest.mark.parametrize("curve", [STRAIGHT, CURVED])
 def test_stress_and_tangent_are_the_energys_derivatives(
-    law: str, state: int, c: tuple[float, ...]
+    law: str, state: int, c: tuple[float, ...], curve: tuple[float, ...]
 ) -> None:
-    found, out = respond(c, law)
+    found, out = respond(c, law, curve=curve)
     assert found == state
     h = 1e-6
     stress, matrix = np.zeros(3), np.zeros((3, 3))
@@ -47,7 +53,7 @@ def test_stress_and_tangent_are_the_energys_derivatives(
     for i, size in enumerate((2 * h, 2 * h, h)):
         step = np.zeros(3)
         step[i] = size
-        above, below = (respond(tuple(c + sign * step), law)[1] for sign in (1, -1))
+        above, below = (respond(tuple(c + sign * step), law, curve=curve)[1] for sign in (1, -1))
         stress[i] = (above[0] - below[0]) / (2 * h)
         matrix[:, i] = (above[1:4] - below[1:4]) / (2 * h)
     np.testing.assert_allclose(out[1:4], stress, atol=2e-7)

@@ -7,9 +7,9 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import Universe
 from bulgefit.gap.regress import Data, normal_equations
 from bulgefit.gap.separate import cosine_matrix, norms_left
+from bulgefit.gap.universe import Universe
 from bulgefit.model.specimen import Specimen
 
 VALUES = {"E1": 330.0, "E2": 200.0, "G12": 12.0}
@@ -29,7 +29,7 @@ def known() -> Universe:
     names = [n for e in EFFECTS for n in e.groups()[0]]
     prediction = specimen.predict(VALUES, [*MODULI, *names])
     h, g, square, _ = normal_equations([data], [prediction], (*MODULI, *names))
-    return Universe((*MODULI, *names), h, g, square)
+    return Universe((*MODULI, *names), h, g, square, [prediction], VALUES)
 
 
 @pytest.mark.parametrize(

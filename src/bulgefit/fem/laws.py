@@ -109,10 +109,12 @@ def _strain(c11, c22, c12, law):
 def _potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
-    Elastic strain e - slack; along warp and fill the stress gains a E e² in tension.
+    Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e² and, where
+    a coating or crimp gives way, s E (e - κ atan(e/κ)): the slope goes from E to (1 + s) E, half
+    of the way at the knee κ.
 
-    `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), and the gains a E along
-    warp and fill (MPa).
+    `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), the gains a E and s E, each
+    along warp and fill (MPa), and κ (1).
     """
     e1, e2 = e1 - q[4], e2 - q[5]
     t1 = q[0] * e1 + q[2] * e2
@@ -123,7 +125,26 @@ def _potential(e1, e2, e3, q):
     psi += (q[6] * p1 * p1 * p1 + q[7] * p2 * p2 * p2) / 3.0
     t1 += q[6] * p1 * p1
     t2 += q[7] * p2 * p2
-    return psi, t1, t2, t3, q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2, q[3], q[2]
+    h1, h2 = q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2
+    if q[8] != 0.0 or q[9] != 0.0:
+        psi_1, bent_1, slope_1 = _knee(p1, q[10])
+        psi_2, bent_2, slope_2 = _knee(p2, q[10])
+        psi += q[8] * psi_1 + q[9] * psi_2
+        t1, h1 = t1 + q[8] * bent_1, h1 + q[8] * slope_1
+        t2, h2 = t2 + q[9] * bent_2, h2 + q[9] * slope_2
+    return psi, t1, t2, t3, h1, h2, q[3], q[2]
+
+
+@compiled
+def _knee(e, knee):
+    """Integral, e - κ atan(e/κ), and its slope e²/(e² + κ²)."""
+    x = e / knee
+    turned = math.atan(x)
+    return (
+        knee * knee * (0.5 * x * x - x * turned + 0.5 * math.log1p(x * x)),
+        knee * (x - turned),
+        x * x / (1.0 + x * x),
+    )
 
 
 @compiled
@@ -337,9 +358,9 @@ def point_response(c11, c22, c12, q, law, relax, out):
     ----------
     c11, c22, c12 : float
         Right Cauchy-Green tensor in material axes.
-    q : tuple of 8, MPa and 1
-        Plane-stress stiffness, slack and gains, as `_potential` takes them. A tuple, whose length
-        the compiler checks; an array that is too short would be read past its end.
+    q : tuple of 11, MPa and 1
+        Plane-stress stiffness, slack, gains and knee, as `_potential` takes them. A tuple, whose
+        length the compiler checks; an array that is too short would be read past its end.
     law : int
         A value of `LAWS`.
     relax : bool

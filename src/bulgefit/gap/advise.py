@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import Explanation, Universe
+from bulgefit.gap.explain import Explanation
 from bulgefit.gap.regress import Data
+from bulgefit.gap.universe import Universe
 from bulgefit.model.specimen import Specimen
 
 __all__ = ["Advice", "advise"]

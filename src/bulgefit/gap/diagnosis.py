@@ -14,7 +14,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
-from bulgefit.gap.explain import Explanation, Round, Universe, explain, universe
+from bulgefit.gap.explain import Explanation, Round, explain
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
@@ -24,8 +24,9 @@ from bulgefit.gap.prepare import (
     prepare,
     renew_noise,
 )
-from bulgefit.gap.regress import Regression, bounds_of, regress
+from bulgefit.gap.regress import Data, Regression, bounds_of, null_of, regress
 from bulgefit.gap.separate import Pair, indistinguishable
+from bulgefit.gap.universe import Universe, universe
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.threads import one_blas_thread
 
@@ -224,7 +225,7 @@ def diagnose(
         pairs = indistinguishable(known)
         if any(e.never_separable for e in candidates):
             pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
-        causes = _causes(found, known)
+        causes = _causes(found, data)
         advice = advise(data, found, known)
     return Diagnosis(
         verdict=_verdict(found, causes),
@@ -274,51 +275,54 @@ def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
     return "ambiguous" if any(c.alternatives for c in causes) else "named"
 
 
-def _causes(found: Explanation, known: Universe) -> list[Cause]:
-    errors = found.final.standard_errors()
+def _causes(found: Explanation, data: Sequence[Data]) -> list[Cause]:
+    """What was taken and stayed, in the order it was taken; an effect that grew counts once."""
     first = found.rounds[0].before if found.rounds else 0.0
     floor = float(found.final.count.sum()) / found.final.inflation
-    causes = []
-    for r in found.rounds:
-        if r.taken is None or r.taken.effect not in found.groups:
-            continue
-        effect, keys = r.taken.effect, r.taken.keys
-        units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
-        parameters = {}
-        at_bound = False
-        for key in keys:
-            name = key.partition(".")[2]
-            value = found.final.values[key]
-            low, high = bounds_of(key)
-            at_bound |= min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0
-            parameters[name] = {
-                "value": float(value),
-                "stderr": float(errors[key]),
-                "unit": units[name.partition("@")[0]],
-            }
-        gained = r.before - r.taken.held_out
-        causes.append(
-            Cause(
-                effect=effect,
-                alternatives=tuple(dict.fromkeys(t.effect for t in r.ties if t.effect != effect)),
-                parameters=parameters,
-                at_bound=bool(at_bound),
-                share_of_gap=float(np.clip(gained / max(first - floor, 1e-9), 0.0, 1.0)),
-                heldout_reduction=float(gained / r.before),
-                bias_if_omitted=_bias(found.final, keys),
-                partial=found.remainder.significant,
-            )
-        )
-    return causes
+    return [
+        _cause(found, effect, keys, max(first - floor, 1e-9), data)
+        for effect, keys in found.groups.items()
+    ]
 
 
-def _bias(final: Regression, keys: Sequence[str]) -> dict[str, float]:
+def _cause(
+    found: Explanation, effect: str, keys: Sequence[str], excess: float, data: Sequence[Data]
+) -> Cause:
+    rounds = [r for r in found.rounds if r.taken is not None and r.taken.effect == effect]
+    left = np.prod([r.taken.held_out / r.before for r in rounds if r.taken is not None])
+    gained = sum(r.before - r.taken.held_out for r in rounds if r.taken is not None)
+    errors = found.final.standard_errors()
+    units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
+    parameters, at_bound = {}, False
+    for key in keys:
+        name = key.partition(".")[2]
+        value = found.final.values[key]
+        low, high = bounds_of(key)
+        at_bound |= min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0
+        parameters[name] = {
+            "value": float(value),
+            "stderr": float(errors[key]),
+            "unit": units[name.partition("@")[0]],
+        }
+    ties = [t.effect for r in rounds for t in r.ties if t.effect != effect]
+    return Cause(
+        effect=effect,
+        alternatives=tuple(dict.fromkeys(ties)),
+        parameters=parameters,
+        at_bound=bool(at_bound),
+        share_of_gap=float(np.clip(gained / excess, 0.0, 1.0)),
+        heldout_reduction=float(1.0 - left),
+        bias_if_omitted=_bias(found.final, keys, data),
+        partial=found.remainder.significant,
+    )
+
+
+def _bias(final: Regression, keys: Sequence[str], data: Sequence[Data]) -> dict[str, float]:
     """Relative error of the moduli when `keys` are held at their null, to first order."""
     own = [final.keys.index(k) for k in keys]
     rest = [i for i in range(len(final.keys)) if i not in own]
     h = final.hessian.sum(axis=0)
-    null = np.array([0.24 if k.startswith("poisson_ratio") else 0.0 for k in keys])
-    change = null - np.array([final.values[k] for k in keys])
+    change = np.array([null_of(k, data) - final.values[k] for k in keys])
     moved = -np.linalg.lstsq(h[np.ix_(rest, rest)], h[np.ix_(rest, own)] @ change, rcond=None)[0]
     by_key = dict(zip((final.keys[i] for i in rest), moved, strict=True))
     return {m: float(by_key[m] / final.values[m]) for m in MODULI if m in by_key}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from bulgefit.errors import InputError
 from bulgefit.model.camera import REFERENCE_MODES
-from bulgefit.model.places import FOLD_ORDERS
+from bulgefit.model.places import FOLD_ORDERS, KNEE
 
 __all__ = ["CATALOGUE", "MODULI", "Effect", "EffectParameter", "chosen_effects"]
 
@@ -51,6 +51,8 @@ class Effect:
     stages : tuple of int
         Numbers of parameters, ascending, at which the group may stop: flexible effects take as
         many as held-out data pay for.
+    held_back : int
+        Last stages that are tried only once the ones before are in the model.
     shared : bool
         True for the material: specimens of one fabric share it.
     needs_time : bool
@@ -63,6 +65,7 @@ class Effect:
     meaning: str
     parameters: tuple[EffectParameter, ...]
     stages: tuple[int, ...] = ()
+    held_back: int = 0
     shared: bool = False
     needs_time: bool = False
     never_separable: str = ""
@@ -76,6 +79,12 @@ class Effect:
         """Parameter groups that may be freed, each containing the one before."""
         return tuple(self.all_keys[:count] for count in (self.stages or (len(self.parameters),)))
 
+    def within_reach(self, freed: int) -> tuple[tuple[str, ...], ...]:
+        """Groups worth trying where `freed` of the parameters are in the model."""
+        groups = self.groups()
+        open_ones = groups[: len(groups) - self.held_back]
+        return groups if freed >= len(open_ones[-1]) else open_ones
+
 
 def _several(names: Iterable[str], unit: str, size: float) -> tuple[EffectParameter, ...]:
     return tuple(EffectParameter(name, unit, -size, size) for name in names)
@@ -85,7 +94,7 @@ _AXES = ("x", "y", "z")
 _FOLDS = tuple(f"{kind}{order}" for order in FOLD_ORDERS for kind in "cs")
 # by degree, so that a stage is a full polynomial in all three components
 _STATE = tuple(
-    f"{axis}{i}{j}" for n in range(6) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
+    f"{axis}{i}{j}" for n in range(10) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
 )
 
 CATALOGUE: dict[str, Effect] = {
@@ -133,7 +142,10 @@ CATALOGUE: dict[str, Effect] = {
             "nonlinear_material",
             "material",
             "stress is not linear in strain along warp and fill",
-            tuple(EffectParameter(n, "1", -2.0, 8.0) for n in ("k_x", "k_y")),
+            tuple(EffectParameter(n, "1", -2.0, 8.0) for n in ("k_x", "k_y"))
+            + tuple(EffectParameter(n, "1", -0.95, 3.0) for n in ("s_x", "s_y"))
+            + (EffectParameter("knee", "1", 0.001, 0.05, KNEE),),
+            stages=(2, 5),
             shared=True,
         ),
         Effect(
@@ -182,7 +194,8 @@ CATALOGUE: dict[str, Effect] = {
             "camera",
             "the reference image shows the fabric already displaced",
             _several(_STATE, "mm", 10.0),
-            stages=(9, 18, 30, 45, 63),
+            stages=(9, 18, 30, 45, 63, 84, 108, 135, 165),
+            held_back=4,
         ),
         Effect(
             "registration",

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve
 from scipy.optimize import lsq_linear
 
 from bulgefit.errors import InputError, SolveError
@@ -25,7 +26,9 @@ Floats = NDArray[np.float64]
 
 FRAME_BLOCKS, SECTORS, FOLDS = 4, 6, 4
 _MODULUS_BOUNDS = {"E1": (20.0, 3000.0), "E2": (20.0, 3000.0), "G12": (0.5, 1000.0)}
-MAX_ITERATIONS = 12
+MAX_ITERATIONS = 16
+#: Damping (Marquardt's, on the scaled normal matrix) after a step that failed, and its growth.
+_LEAST_DAMPING, _FIRMER = 1e-3, 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +178,20 @@ def bounds_of(key: str) -> tuple[float, float]:
     return found.lower, found.upper
 
 
-def start_of(name: str, data: Data) -> float:
+def start_of(key: str, data: Sequence[Data]) -> float:
     """Where a fit of a freed parameter starts."""
+    name, _, owner = key.partition("@")
     if name == "poisson_ratio.nu12":
-        return data.specimen.test.poisson_ratio
+        return data[int(owner) if owner else 0].specimen.test.poisson_ratio
     effect, _, parameter = name.partition(".")
     (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
     return found.start
+
+
+def null_of(key: str, data: Sequence[Data]) -> float:
+    """The value at which a parameter's effect is absent."""
+    name, _, owner = key.partition("@")
+    return data[int(owner) if owner else 0].specimen.nulls().get(name, 0.0)
 
 
 def names_of(keys: Sequence[str], index: int, several: bool) -> tuple[list[str], list[int]]:
@@ -273,28 +283,29 @@ def regress(
         if expected <= 1e-3 + 1e-7 * current[2].sum():
             converged = True
             break
+        gained = -np.inf
         try:
-            new_predictions = _predict(data, keys, trial, [p.shapes for p in predictions])
+            there = _predict(data, keys, trial, [p.shapes for p in predictions])
+            if not _destabilised(predictions, there):
+                new = normal_equations(data, there, keys)
+                gained = float(current[2].sum() - new[2].sum())
         except (SolveError, InputError):
-            new_predictions = None
-        if new_predictions is None or _destabilised(predictions, new_predictions):
-            damping = max(10 * damping, 0.3)
-            if damping > 1e4:
-                break
-            continue
-        new = normal_equations(data, new_predictions, keys)
-        gained = float(current[2].sum() - new[2].sum())
+            pass  # no equilibrium there: a shorter step
         if gained > 0.0:
-            values, predictions, current = trial, new_predictions, new
-            damping = 0.0 if gained > 0.5 * expected else max(damping, 0.1)
+            values, predictions, current = trial, there, new
+            damping = _relaxed(damping) if gained > 0.5 * expected else damping
         else:
-            damping = max(10 * damping, 0.1)
+            damping = max(_FIRMER * damping, _LEAST_DAMPING)
             if damping > 1e4:
                 break
     slim = [Prediction(p.displacement, p.derivative[:0], p.shapes) for p in predictions]
     return Regression(
         keys, values, *current, slim, float(np.mean([d.inflation for d in data])), converged
     )
+
+
+def _relaxed(damping: float) -> float:
+    return damping / _FIRMER if damping > _LEAST_DAMPING else 0.0
 
 
 def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> bool:
@@ -350,6 +361,9 @@ def _bounded_step(
     scaled = h * np.outer(scale, scale)
     scaled += (damping + 1e-9) * np.eye(len(keys))
     root = np.linalg.cholesky(scaled)
+    free = scale * cho_solve((root, True), g * scale)
+    if ((free >= low) & (free <= high)).all():
+        return free
     found = lsq_linear(
         root.T,
         np.linalg.solve(root, g * scale),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import Universe, effect_of
+from bulgefit.gap.universe import Universe, effect_of
 
 __all__ = ["Pair", "cosine_matrix", "indistinguishable", "norms_left"]
 

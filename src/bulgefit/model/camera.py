@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -19,8 +20,9 @@ Floats = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 
-#: Powers (i, j) of the modes (x/a)^i (y/a)^j of `reference_state`, up to the fifth degree.
-REFERENCE_MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
+#: Degrees (i, j) of the modes P_i(x/a) P_j(y/a) of `reference_state`, Legendre's polynomials, up to
+#: the ninth degree in all: creases of 40 mm.
+REFERENCE_MODES = tuple((n - j, j) for n in range(10) for j in range(n + 1))
 
 _RIGID = tuple(f"rigid_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
 _FIXTURE = tuple(f"fixture_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
@@ -42,8 +44,9 @@ def material_points(reference: Floats, values: Mapping[str, float]) -> Floats:
 
 def reference_modes(reference: Floats, radius: float) -> Floats:
     """Modes (modes, n) of `reference_state` at points (n, 3)."""
-    x, y = reference[:, 0] / radius, reference[:, 1] / radius
-    return np.stack([x**i * y**j for i, j in REFERENCE_MODES])
+    highest = max(sum(mode) for mode in REFERENCE_MODES)
+    along_x, along_y = (legvander(reference[:, k] / radius, highest) for k in (0, 1))
+    return np.stack([along_x[:, i] * along_y[:, j] for i, j in REFERENCE_MODES])
 
 
 def _motion(values: Mapping[str, float], pressure_bar: float) -> tuple[Floats, Floats]:
@@ -111,8 +114,11 @@ def camera_derivative(
     """
     if name.startswith("reference_state."):
         axis, mode = divmod(_STATE.index(name), len(REFERENCE_MODES))
+        x_degree, y_degree = REFERENCE_MODES[mode]
+        along_x = legvander(reference[:, 0] / radius, x_degree)[:, -1]
+        along_y = legvander(reference[:, 1] / radius, y_degree)[:, -1]
         change = np.zeros_like(moved)
-        change[..., axis] = -reference_modes(reference, radius)[mode]
+        change[..., axis] = -along_x * along_y
         scale = 1.0 + values.get("dic_scale.scale", 0.0)
         return through(change / scale, pressure, values)
     if name == "dic_scale.scale":

@@ -19,6 +19,7 @@ from bulgefit.fem.mesh import Mesh
 
 __all__ = [
     "FOLD_ORDERS",
+    "KNEE",
     "LOAD",
     "MECHANICS",
     "fabric_of",
@@ -28,6 +29,9 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
+
+#: Knee strain of a fabric whose slope does not change there: any value is a null.
+KNEE = 0.01
 
 #: Azimuthal orders of the further modes of `initial_shape` (cosine and sine each).
 FOLD_ORDERS = (3, 4, 5, 6)
@@ -57,6 +61,9 @@ MECHANICS = (
     "axis_misalignment.angle",
     "nonlinear_material.k_x",
     "nonlinear_material.k_y",
+    "nonlinear_material.s_x",
+    "nonlinear_material.s_y",
+    "nonlinear_material.knee",
     "stiffness_gradient.g_x",
     "stiffness_gradient.g_y",
 )
@@ -113,6 +120,11 @@ def fabric_of(mesh: Mesh, radius: float, values: Mapping[str, float]) -> Fabric:
             values.get("nonlinear_material.k_x", 0.0) * values["E1"],
             values.get("nonlinear_material.k_y", 0.0) * values["E2"],
         ),
+        bend=(
+            values.get("nonlinear_material.s_x", 0.0) * values["E1"],
+            values.get("nonlinear_material.s_y", 0.0) * values["E2"],
+        ),
+        knee=values.get("nonlinear_material.knee", KNEE),
         compliance=max(values.get("clamp_slip.compliance", 0.0), LEAST_COMPLIANCE),
     )
 

@@ -30,6 +30,7 @@ from bulgefit.model.camera import (
     through,
 )
 from bulgefit.model.places import (
+    KNEE,
     LOAD,
     MECHANICS,
     fabric_of,
@@ -52,6 +53,9 @@ _STEPS = {
     "axis_misalignment.angle": 1e-2,
     "nonlinear_material.k_x": 1e-2,
     "nonlinear_material.k_y": 1e-2,
+    "nonlinear_material.s_x": 1e-3,
+    "nonlinear_material.s_y": 1e-3,
+    "nonlinear_material.knee": 1e-5,
 }
 _LENGTH_STEP, _RATIO_STEP = 1e-3, 1e-5
 
@@ -128,7 +132,7 @@ class Specimen:
 
     def nulls(self) -> dict[str, float]:
         """The parameters of the baseline: everything unmodelled at its null."""
-        return {"poisson_ratio.nu12": self.test.poisson_ratio}
+        return {"poisson_ratio.nu12": self.test.poisson_ratio, "nonlinear_material.knee": KNEE}
 
     def membrane(self, values: Mapping[str, float]) -> Membrane:
         """The membrane of a parameter set, sharing the linear solver."""
@@ -338,7 +342,7 @@ class _Difference:
 
     def __init__(self, specimen: Specimen, values: dict[str, float], name: str) -> None:
         self._scale = 1.0
-        if name in ("E1", "E2", "G12", "poisson_ratio.nu12") and not _has_gain(values):
+        if name in ("E1", "E2", "G12", "poisson_ratio.nu12") and not _is_curved(values):
             # linear in D: exact columns
             index = ("E1", "E2", "G12", "poisson_ratio.nu12").index(name)
             self._direct: Floats | None = orthotropic_stiffness_derivative(*_constants(values))[
@@ -393,10 +397,9 @@ def _solved(
         ) from error
 
 
-def _has_gain(values: Mapping[str, float]) -> bool:
-    return bool(
-        values.get("nonlinear_material.k_x", 0.0) or values.get("nonlinear_material.k_y", 0.0)
-    )
+def _is_curved(values: Mapping[str, float]) -> bool:
+    """Whether stress is not linear in strain: the curve's terms scale with the moduli."""
+    return any(values.get(f"nonlinear_material.{n}", 0.0) for n in ("k_x", "k_y", "s_x", "s_y"))
 
 
 def _constants(values: Mapping[str, float]) -> tuple[float, float, float, float]:
