@@ -6,6 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from bulgefit.fem import jit
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiling_was_announced() -> None:
+    """Before any test looks at what is said: the first one to run a kernel may have to compile."""
+    jit._announce()
+
 
 @pytest.fixture(scope="session")
 def shared() -> Path:

@@ -21,7 +21,7 @@ IMPERFECTION = 0.1  # mm
 
 
 def deck(case: np.lib.npyio.NpzFile) -> str:
-    """The input file: one step, automatic increments up to the distance of levels."""
+    """The input file: one step, automatic increments that stop at every level."""
     nodes, cells, levels = case["nodes"], case["cells"], case["levels"]
     e1, e2, g12, nu12 = case["constants"]
     radius2 = float(case["radius"]) ** 2
@@ -48,14 +48,17 @@ def deck(case: np.lib.npyio.NpzFile) -> str:
         "*MEMBRANE SECTION, ELSET=FABRIC, MATERIAL=CLOTH, ORIENTATION=WARP",
         f"{float(case['thickness']):g}",
     ]
-    # steps no longer than between levels; the first ones, from nearly flat, have to be tiny
+    # increments stop at every level; the first ones, from nearly flat, have to be tiny
+    times = [f"{level / levels[-1]:.12g}" for level in levels]
+    lines += ["*TIME POINTS, NAME=LEVELS"]
+    lines += [", ".join(times[i : i + 8]) + "," for i in range(0, len(times), 8)]
     lines += [
         f"*STEP, NLGEOM, INC={20 * len(levels)}",
         "*STATIC",
-        f"1e-7, 1., 1e-12, {1.0 / len(levels):.12g}",
+        f"1e-7, 1., 1e-12, {1.001 * float(levels[1] - levels[0]) / float(levels[-1]):.12g}",
         "*DLOAD",
         f"FABRIC, P1, {float(levels[-1]):.12g}",
-        f"*NODE PRINT, NSET=APEX, FREQUENCY={len(levels)}",
+        "*NODE PRINT, NSET=APEX, TIME POINTS=LEVELS",
         "U",
         "*END STEP",
     ]
@@ -78,6 +81,9 @@ def main() -> None:
             sys.exit(f"ccx stopped: {run.stdout[-300:]}")
         found = (Path(folder) / "bulge.dat").read_text()
     rows = re.findall(r"^\s+\d+((?:\s+[-+.\dE]+){3})\s*$", found, re.M)
+    wanted = len(np.load(sys.argv[1])["levels"])
+    if len(rows) != wanted:
+        sys.exit(f"ccx solved {len(rows)} of {wanted} levels")
     answer = {
         "version": f"CalculiX {version}",
         "seconds": seconds,

@@ -58,3 +58,14 @@ def test_runs_without_a_folder_to_cache_in(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(jit, "njit", refuse)
     assert jit.compiled(lambda x: x + 1.0)(1.0) == 2.0
+
+
+def test_compiling_is_announced_once_and_a_cached_kernel_is_not(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", SCRIPT]
+    said = [
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stderr
+        for _ in range(2)
+    ]
+    assert said[0].count("compiling kernels") == 1
+    assert said[1] == ""

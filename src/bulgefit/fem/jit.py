@@ -8,7 +8,9 @@ but not when a file changes whose functions or constants went into it; here both
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +40,29 @@ def compiled(function: Callable[..., Any]) -> Any:
     try:
         dispatcher = njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # numba's word for no folder to cache in
-        return njit(**_OPTIONS)(function)
-    cache = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if cache is not None:
-        cache._source_stamp = (cache._source_stamp, _SOURCES)
+        dispatcher = njit(**_OPTIONS)(function)
+    kept = getattr(dispatcher, "_cache", None)
+    file = getattr(kept, "_cache_file", None)
+    if file is not None:
+        file._source_stamp = (file._source_stamp, _SOURCES)
+    if kept is not None:
+        kept.load_overload = _announced(kept.load_overload)
     return dispatcher
+
+
+def _announced(load: Callable[..., Any]) -> Callable[..., Any]:
+    """Say so where numba finds nothing in its cache and goes on to compile."""
+
+    def load_or_announce(*signature: Any) -> Any:
+        found = load(*signature)
+        if found is None:
+            _announce()
+        return found
+
+    return load_or_announce
+
+
+@cache
+def _announce() -> None:
+    """Tell the user what takes so long, once."""
+    print("bulgefit: compiling kernels, once per machine (about 10 s)", file=sys.stderr)

@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 #: Free displacements up to which banded Cholesky is chosen: where PARDISO is installed, and where
 #: SuperLU has to do for larger ones (docs/performance.md).
-BANDED_UP_TO = {"pardiso": 4_000, "superlu": 16_000}
+BANDED_UP_TO = {"pardiso": 4_000, "superlu": 30_000}
 
 #: Bytes of a band up to which its memory is used again: fresh memory takes a tenth of the time of
 #: a small factorisation, and next to nothing of a large one.
