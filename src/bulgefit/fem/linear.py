@@ -20,6 +20,7 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
+from bulgefit.fem.banded import PANEL, substitute
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -193,14 +194,16 @@ class BandedFactor:
     """A banded Cholesky factor."""
 
     def __init__(self, band: Floats) -> None:
-        self._band = band
+        self._columns = band.T
 
     def solve(self, right: Floats) -> Floats:
         """Solution for right-hand sides (N,) or (N, k)."""
-        solution, info = lapack.dpbtrs(self._band, right, lower=1)
-        if info != 0:
-            raise ValueError(f"dpbtrs: argument {-info}")
-        return solution
+        solution = np.array(right.T, ndmin=2, order="C")
+        if self._columns.shape[1] >= PANEL:
+            substitute(self._columns, solution)
+        else:
+            solution = lapack.dpbtrs(self._columns.T, solution.T, lower=1)[0].T
+        return solution[0] if right.ndim == 1 else solution.T
 
 
 class SparseLU:
