@@ -238,7 +238,7 @@ def test_window_at_the_rim_leaves_out_what_is_beyond():
     nodes = np.column_stack([100.0 * mesh.nodes, np.zeros(len(mesh.nodes))])
     even = np.ones((1, len(nodes), 3))
     shapes = Shapes(nodes, even, nodes, 0.0 * even)
-    found = made_camera._displacement(shapes, np.array([[96.0, 0.0]]), 10.0)
+    found = made_camera._displacement(shapes, np.array([[96.0, 0.0]]), 10.0, 100.0)
     np.testing.assert_allclose(found, 1.0)
 
 

@@ -43,3 +43,17 @@ def test_a_vanishing_window_is_the_smooth_field(window: Window) -> None:
     point = smooth_field(MESH.nodes, POINTS).value @ wavy
     miss = window.mean(POINTS, 1e-6).value @ wavy - point
     assert np.sqrt(np.mean(miss**2)) < 5e-4
+
+
+@pytest.mark.parametrize(("distance", "width"), [(95.0, 8.0), (99.0, 12.0), (91.0, 9.5)])
+def test_of_what_the_rim_leaves(window: Window, distance: float, width: float) -> None:
+    """Against a count over a fine grid of places inside both circles."""
+    point = distance * np.array([[0.6, 0.8]])
+    side = width * (np.arange(1200) + 0.5 - 600) / 600
+    u, v = (g.ravel() for g in np.meshgrid(side, side))
+    places = point + np.column_stack([u, v])[np.hypot(u, v) < width]
+    places = places[np.hypot(*places.T) < 100.0]
+    x, y = MESH.nodes.T
+    operator = window.mean(point, width).value
+    assert operator @ x == pytest.approx(places[:, 0].mean(), abs=2e-3)
+    assert operator @ (x * y) == pytest.approx(places.prod(axis=1).mean(), abs=0.2)

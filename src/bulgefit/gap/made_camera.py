@@ -21,8 +21,9 @@ Floats = NDArray[np.float64]
 
 #: Share of the noise that differs from point to point; the rest is correlated.
 _INDEPENDENT = 0.8
-#: Radii and angles at which a correlation window is averaged.
+#: Radii and angles at which a correlation window is averaged, and beside the rim.
 _RADII, _ANGLES = 3, 12
+_RIM_RADII, _RIM_ANGLES = 6, 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def observe(drawn: Draw, setting: Setting, shapes: Shapes) -> tuple[Floats, Floa
     """Reference heights (n,) mm and displacements (frames, n, 3) mm as seen, without noise."""
     points = material_points(drawn, setting)
     height = NodalField(shapes.nodes[:, :2], points)(shapes.nodes)[:, 2]
-    moved = _displacement(shapes, points, drawn.get("dic_smoothing.window"))
+    moved = _displacement(shapes, points, drawn.get("dic_smoothing.window"), setting.radius)
     straight = _unbent(drawn, setting.reference, setting.radius)
     scale = 1.0 + drawn.get("dic_scale.scale")
     shown = _reference_state(drawn, setting.reference)
@@ -95,17 +96,24 @@ def observe(drawn: Draw, setting: Setting, shapes: Shapes) -> tuple[Floats, Floa
     return start[:, 2], seen
 
 
-def _displacement(shapes: Shapes, points: Floats, window: float) -> Floats:
+def _displacement(shapes: Shapes, points: Floats, window: float, radius: float) -> Floats:
     """Displacement (frames, n, 3) mm of the fabric at points, averaged over a window (mm)."""
-    offsets, weights = _window(window)
-    spread = (points[:, None] + offsets).reshape(-1, 2)
-    total = NodalField(shapes.nodes[:, :2], spread)(shapes.fine)
-    total += NodalField(shapes.coarse_nodes[:, :2], spread)(shapes.correction)
-    total = total.reshape(len(total), len(points), len(offsets), 3)
-    # what lies beyond the rim drops out of the mean
-    inside = np.isfinite(total[0, :, :, 0]) * weights
-    total = np.where(inside[None, :, :, None] > 0.0, total, 0.0)
-    return np.einsum("nw,fnwc->fnc", inside / inside.sum(axis=1, keepdims=True), total)
+    beside = np.hypot(*points.T) + window > radius
+    out = np.empty((len(shapes.fine), len(points), 3))
+    for part, (offsets, weights) in (
+        (~beside, _window(window)),
+        (beside, _window_at_rim(points[beside], window, radius)),
+    ):
+        spread = points[part][:, None] + offsets
+        flat = spread.reshape(-1, 2)
+        total = NodalField(shapes.nodes[:, :2], flat)(shapes.fine)
+        total += NodalField(shapes.coarse_nodes[:, :2], flat)(shapes.correction)
+        total = total.reshape(len(total), *spread.shape[:2], 3)
+        # between the last nodes the rim's polygon cuts off a little more than the rim
+        seen = np.isfinite(total[0, :, :, 0]) * weights
+        total = np.where(seen[None, :, :, None] > 0.0, total, 0.0)
+        out[:, part] = np.einsum("nw,fnwc->fnc", seen / seen.sum(axis=1, keepdims=True), total)
+    return out
 
 
 def _window(radius: float) -> tuple[Floats, Floats]:
@@ -119,6 +127,30 @@ def _window(radius: float) -> tuple[Floats, Floats]:
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     offsets = (distance[:, None, None] * direction).reshape(-1, 2)
     return offsets, np.repeat(0.5 * shares / _ANGLES, _ANGLES)
+
+
+def _window_at_rim(points: Floats, window: float, radius: float) -> tuple[Floats, Floats]:
+    """Offsets (n, k, 2) mm and weights (n, k) over the arcs of a disc that lie inside the rim."""
+    if window <= 0.0:
+        return np.zeros((len(points), 1, 2)), np.ones((len(points), 1))
+    away = np.hypot(*points.T)
+    outwards = np.arctan2(points[:, 1], points[:, 0])
+    knots, shares = np.polynomial.legendre.leggauss(_RIM_RADII)
+    free = np.clip(radius - away, 0.0, window)  # rings up to here are whole
+    offsets, weights = [], []
+    for low, high in ((np.zeros_like(free), free), (free, np.full_like(free, window))):
+        ring = low[:, None] + 0.5 * (high - low)[:, None] * (1.0 + knots)
+        bound = (radius**2 - away[:, None] ** 2 - ring**2) / np.maximum(
+            2 * away[:, None] * ring, 1e-9
+        )
+        cut = np.arccos(np.clip(bound, -1.0, 1.0))  # directions closer to outwards lie beyond
+        share = (high - low)[:, None] * shares * ring * (np.pi - cut)
+        steps = (np.arange(_RIM_ANGLES) + 0.5) / _RIM_ANGLES
+        angle = outwards[:, None, None] + cut[..., None] + 2 * (np.pi - cut)[..., None] * steps
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        offsets.append((ring[..., None, None] * direction).reshape(len(points), -1, 2))
+        weights.append(np.repeat(share / _RIM_ANGLES, _RIM_ANGLES, axis=1))
+    return np.concatenate(offsets, axis=1), np.concatenate(weights, axis=1)
 
 
 def _reference_state(drawn: Draw, points: Floats) -> Floats:

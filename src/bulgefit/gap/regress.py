@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 FRAME_BLOCKS, SECTORS, FOLDS = 4, 6, 4
 _MODULUS_BOUNDS = {"E1": (20.0, 3000.0), "E2": (20.0, 3000.0), "G12": (0.5, 1000.0)}
 MAX_ITERATIONS = 16
+#: A fit has converged where a step promises less than this sum of squares, and this share of what
+#: is left beyond the noise.
+_SETTLED, _SETTLED_SHARE = 0.02, 1e-5
 #: Damping (Marquardt's, on the scaled normal matrix) after a step that failed, and its growth.
 _LEAST_DAMPING, _FIRMER = 1e-3, 6.0
 
@@ -280,7 +283,8 @@ def regress(
         step = _bounded_step(current, values, keys, bounds, damping)
         trial = {**values, **{k: values[k] + s for k, s in zip(keys, step, strict=True)}}
         expected = float(2 * step @ current[1].sum(axis=0) - step @ current[0].sum(axis=0) @ step)
-        if expected <= 1e-3 + 1e-7 * current[2].sum():
+        beyond_noise = max(float(current[2].sum() - current[3].sum()), 0.0)
+        if expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
             converged = True
             break
         gained = -np.inf

@@ -1,7 +1,8 @@
 """The mean over the correlation window of DIC, as an operator on nodal fields.
 
-A subset of radius w reports about the mean of the displacement over its disc. Here that is a
-weighted mean over two rings; what lies beyond the rim drops out. The smooth field is laid once
+A subset of radius w reports about the mean of the displacement over its disc, less what lies
+beyond the rim. Away from the rim that is a weighted mean over two rings, beside it over strips of
+what the rim leaves of the disc. The smooth field is laid once
 on a square grid that is finer than the mesh, and cubic interpolation on the grid takes it to the
 points of any window: moving the points or the window costs a hundredth of new splines.
 """
@@ -36,6 +37,10 @@ _POINTS = np.concatenate(
 _SHARES = np.concatenate([np.full(n, 0.5 / n) for _, n in _RINGS])
 
 
+#: Strips on either side of where rim and window cross, and points along each strip.
+_STRIPS, _ALONG = 5, 4
+
+
 @dataclass(eq=False)
 class Window:
     """Window means of fields on one mesh.
@@ -60,25 +65,35 @@ class Window:
 
     def mean(self, points: Floats, window: float) -> SmoothField:
         """Operators of the mean over discs of radius `window` (mm) round points (m, 2) mm."""
-        spread = points[:, None] + window * _POINTS
-        inside = (spread**2).sum(axis=-1) <= self.radius**2
-        inside |= ~inside.any(axis=1, keepdims=True)  # registered wholly beyond: nothing drops out
-        share = inside * _SHARES
-        share = share / share.sum(axis=1, keepdims=True)
+        beside = np.hypot(*points.T) + window > self.radius
+        places, shares, owners = [], [], []
+        for which, (offsets, share) in (
+            (np.flatnonzero(~beside), _whole(points[~beside], window)),
+            (np.flatnonzero(beside), _cut(points[beside], window, self.radius)),
+        ):
+            places.append((points[which][:, None] + offsets).reshape(-1, 2))
+            shares.append(share.ravel())
+            owners.append(np.repeat(which, offsets.shape[1]))
+        return self._means(
+            np.concatenate(places), np.concatenate(shares), np.concatenate(owners), len(points)
+        )
 
+    def _means(
+        self, spread: Floats, share: Floats, owner: NDArray[np.intp], count: int
+    ) -> SmoothField:
+        """Sums over owners of shares of the field at places (m, 2) mm."""
         size = 2 * self._half + 1
         place = spread / self._spacing + self._half
         base = np.clip(np.floor(place).astype(np.intp) - 1, 0, size - 4)
         (x, by_x), (y, by_y) = (_lagrange(place[..., k] - base[..., k]) for k in (0, 1))
         steps = np.arange(4)
-        columns = (base[..., 0, None, None] + steps[:, None]) * size
-        columns = columns + base[..., 1, None, None] + steps
-        rows = np.broadcast_to(np.arange(len(points))[:, None, None, None], columns.shape)
+        columns = (base[:, 0, None, None] + steps[:, None]) * size + base[:, 1, None, None] + steps
+        rows = np.broadcast_to(owner[:, None, None], columns.shape)
 
         def operator(along_x: Floats, along_y: Floats) -> sparse.csr_array:
-            values = share[..., None, None] * along_x[..., :, None] * along_y[..., None, :]
+            values = share[:, None, None] * along_x[:, :, None] * along_y[:, None, :]
             on_grid = sparse.csr_array(
-                (values.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), size**2)
+                (values.ravel(), (rows.ravel(), columns.ravel())), shape=(count, size**2)
             )
             return (on_grid @ self._grid).tocsr()
 
@@ -87,6 +102,51 @@ class Window:
             operator(by_x / self._spacing, y),
             operator(x, by_y / self._spacing),
         )
+
+
+def _whole(points: Floats, window: float) -> tuple[Floats, Floats]:
+    """Offsets (m, k, 2) mm and shares (m, k) of the whole disc."""
+    count = len(points)
+    return (
+        np.broadcast_to(window * _POINTS, (count, *_POINTS.shape)),
+        np.broadcast_to(_SHARES, (count, len(_SHARES))),
+    )
+
+
+def _cut(points: Floats, window: float, radius: float) -> tuple[Floats, Floats]:
+    """Offsets and shares of the part of the disc inside the rim, in strips along the rim.
+
+    With u outwards from the point, a strip ends at the window up to u*, where both circles cross,
+    and at the rim beyond. Angles of the two circles as variables make the integrands smooth.
+    """
+    distance = np.minimum(np.hypot(*points.T), radius)  # registered beyond the rim: on it
+    distance = np.maximum(distance, 1e-9)
+    crossing = (radius**2 - distance**2 - window**2) / (2.0 * distance)
+    knots, weights = np.polynomial.legendre.leggauss(_STRIPS)
+    knots, weights = 0.5 * (knots + 1.0), 0.5 * weights
+
+    end = np.arcsin(np.clip(crossing / window, -1.0, 1.0))
+    span = end + 0.5 * np.pi
+    angle = span[:, None] * knots - 0.5 * np.pi
+    outwards = window * np.sin(angle)
+    half = window * np.cos(angle)
+    share = span[:, None] * weights * half * half
+
+    start = np.arccos(np.clip((distance + crossing) / radius, -1.0, 1.0))
+    angle = start[:, None] * knots
+    outwards = np.hstack([outwards, radius * np.cos(angle) - distance[:, None]])
+    rim_half = radius * np.sin(angle)
+    half = np.hstack([half, rim_half])
+    share = np.hstack([share, start[:, None] * weights * rim_half * rim_half])
+
+    along, along_weights = np.polynomial.legendre.leggauss(_ALONG)
+    u = np.repeat(outwards, _ALONG, axis=1)
+    v = (half[..., None] * along).reshape(u.shape)
+    share = (share[..., None] * along_weights).reshape(u.shape)
+    out = points / np.maximum(np.hypot(*points.T), 1e-9)[:, None]
+    aside = np.stack([-out[:, 1], out[:, 0]], axis=1)
+    offsets = u[..., None] * out[:, None] + v[..., None] * aside[:, None]
+    return offsets, share / share.sum(axis=1, keepdims=True)
 
 
 def _lagrange(t: Floats) -> tuple[Floats, Floats]:
