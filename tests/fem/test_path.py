@@ -114,3 +114,33 @@ def test_pressure_outside_the_path() -> None:
     path = trace(Membrane(disc(100.0, 1), 0.81), orthotropic_stiffness(*CONSTANTS), (0.01, 0.02))
     with pytest.raises(InputError, match="outside the traced range"):
         path(0.03)
+
+
+def test_slopes_are_the_paths_derivative() -> None:
+    """Whatever shape the factor belongs to that they were found with."""
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    stiffness = orthotropic_stiffness(*CONSTANTS)
+    path = trace(membrane, stiffness)
+    for k, s in enumerate(np.cbrt(path.pressure)):
+        h = 1e-3 * s
+        above, below = (
+            solve(
+                membrane, path.displacement[k] + step * path.slope[k], (s + step) ** 3, stiffness
+            ).displacement
+            for step in (h, -h)
+        )
+        expected = (above - below) / (2 * h)
+        np.testing.assert_allclose(
+            path.slope[k], expected, rtol=0, atol=1e-4 * np.abs(expected).max()
+        )
+
+
+def test_a_factor_that_serves_longer_gives_the_same_shape() -> None:
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    stiffness = orthotropic_stiffness(*CONSTANTS)
+    start = trace(membrane, stiffness)(0.2)[0]
+    sparing, renewed = (
+        solve(membrane, start, 0.201, stiffness, thrifty=thrifty) for thrifty in (True, False)
+    )
+    assert sparing.factorisations < renewed.factorisations
+    np.testing.assert_allclose(sparing.displacement, renewed.displacement, rtol=0, atol=1e-8)
