@@ -111,3 +111,20 @@ def test_unknown_effects_list_the_known() -> None:
 
 def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:
     assert offset.skipped == {"creep": "the test has no time"}
+
+
+def test_a_specimen_that_was_kept_out_is_met() -> None:
+    """Moduli from one specimen; the other's own offset from half of its frames."""
+    found = diagnose(
+        made({"pressure_offset.offset": 0.03}),
+        holdout=made({"pressure_offset.offset": -0.02}),
+        effects=CANDIDATES,
+    )
+    kept = found.holdout
+    assert kept is not None
+    own = kept.parameters["pressure_offset.offset"]
+    assert abs(own["value"] + 0.02) < 4 * own["stderr"] + 5e-4
+    assert not set(kept.fitted_bar) & set(kept.judged_bar)
+    assert kept.explained["e_w"] < 1.2 * kept.noise_floor["e_w"]
+    assert kept.baseline["e_w"] > 3 * kept.explained["e_w"]
+    assert found.to_dict()["holdout"]["test"] == "made"

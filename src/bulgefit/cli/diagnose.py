@@ -16,6 +16,8 @@ from bulgefit.errors import InputError
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from bulgefit.dic import BulgeTest
+
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "find out where a model misses bulge tests, and why"
@@ -35,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  bulgefit diagnose test1.npz --report report\n"
         "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
+        "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
         "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion"
     )
     add_tests_argument(parser)
@@ -43,6 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--effects",
         metavar="ID,ID",
         help="effects to try (default: the whole catalogue; an unknown name lists it)",
+    )
+    group.add_argument(
+        "--holdout",
+        metavar="TEST",
+        help="a test that takes no part in the diagnosis: what specimens share comes from the "
+        "others, its own parameters are fitted on every second frame, and it is judged on the rest",
     )
     group.add_argument(
         "--max-pressure",
@@ -82,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     workers = _common.workers_from(args)
     tests = _inverse.read_tests(args)
+    holdout = _holdout(args)
     if args.report is not None:
         from bulgefit.report.diagnosis import check_report
 
@@ -94,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
     with _Progress(quiet=args.quiet) as progress:
         found = diagnose(
             tests,
+            holdout=holdout,
             effects=effects,
             law=args.law,
             seed=args.seed,
@@ -108,6 +119,16 @@ def run(args: argparse.Namespace) -> int:
         files = write_report(found, args.report, force=args.force)
         _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
     return 0
+
+
+def _holdout(args: argparse.Namespace) -> BulgeTest | None:
+    """The test of --holdout, read and cut as the others."""
+    if args.holdout is None:
+        return None
+    if args.holdout in args.tests:
+        raise InputError(f"--holdout {args.holdout}: is among the tests diagnosed; name it once")
+    (test,) = _inverse.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
+    return test
 
 
 def _effects(text: str | None) -> list[str] | None:

@@ -11,18 +11,19 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import InputError
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
 from bulgefit.gap.explain import Explanation, Round, explain
+from bulgefit.gap.holdout import HeldOutTest, judge_held_out
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
     Prepared,
-    correct_discretisation,
     drop_outliers,
     prepare,
     renew_noise,
+    settle,
 )
 from bulgefit.gap.regress import Data, Regression, bounds_of, null_of, regress
 from bulgefit.gap.separate import Pair, indistinguishable
@@ -87,6 +88,8 @@ class Diagnosis:
     pairs : list of Pair
     advice : list of Advice
     skipped : dict of effect to why
+    holdout : HeldOutTest or None
+        How a specimen that was kept out is met.
     """
 
     verdict: str
@@ -102,6 +105,7 @@ class Diagnosis:
     tests: list[BulgeTest]
     seed: int
     seconds: float
+    holdout: HeldOutTest | None = None
     warnings: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
@@ -139,6 +143,7 @@ class Diagnosis:
                 else [],
             },
             "tried": [_round_dict(r) for r in self.explanation.rounds],
+            **({} if self.holdout is None else {"holdout": self.holdout.to_dict()}),
             "skipped": self.skipped,
             "warnings": self.warnings,
             "noise": [
@@ -163,6 +168,7 @@ class Diagnosis:
 def diagnose(
     tests: BulgeTest | Sequence[BulgeTest],
     *,
+    holdout: BulgeTest | None = None,
     effects: Iterable[str] | None = None,
     law: str = "hencky",
     seed: int = 0,
@@ -175,6 +181,9 @@ def diagnose(
     ----------
     tests : BulgeTest or sequence of BulgeTest
         Several are judged together: material effects are shared, all others are each test's own.
+    holdout : BulgeTest, optional
+        A specimen that takes no part: what specimens share comes from the others, its own
+        parameters are fitted on every second frame, and it is judged on the rest.
     effects : iterable of str, optional
         Candidates; default: the whole catalogue.
     law : {"hencky", "svk"}
@@ -208,7 +217,7 @@ def diagnose(
             data,
             candidates,
             baseline,
-            lambda fit: _settle(prepared, fit),
+            lambda fit: settle(prepared, fit),
             say,
             lambda task, items: list(pool.map(task, items)),
         )
@@ -227,6 +236,9 @@ def diagnose(
             pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
         causes = _causes(found, data)
         advice = advise(data, found, known)
+        if holdout is not None:
+            say(f"held-out test {holdout.name}")
+            kept_out = judge_held_out(holdout, found, law, weight)
     return Diagnosis(
         verdict=_verdict(found, causes),
         causes=causes,
@@ -241,6 +253,7 @@ def diagnose(
         tests=given,
         seed=seed,
         seconds=time.perf_counter() - began,
+        holdout=None if holdout is None else kept_out,
         warnings=_warnings(prepared),
     )
 
@@ -252,19 +265,7 @@ def _baseline(prepared: Sequence[Prepared]) -> Regression:
     for p, prediction in zip(prepared, first.predictions, strict=True):
         renew_noise(p, prediction.displacement)
         drop_outliers(p, prediction.displacement)
-    return _settle(prepared, first)
-
-
-def _settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
-    """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
-    for p, prediction in zip(prepared, fit.predictions, strict=True):
-        try:
-            correct_discretisation(p, prediction.shapes)
-        except SolveError:
-            p.data.specimen.correction = None
-        renew_noise(p, p.data.specimen.observe(prediction.shapes).displacement)
-    shapes = [p.shapes for p in fit.predictions]
-    return regress([p.data for p in prepared], fit.keys, fit.values, shapes)
+    return settle(prepared, first)
 
 
 def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:

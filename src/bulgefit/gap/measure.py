@@ -16,7 +16,7 @@ from bulgefit.gap.regress import (
     specimen_values,
 )
 
-__all__ = ["Gap", "fitted_gap", "held_out_gap", "noise_gap", "weight_of"]
+__all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
 
 Floats = NDArray[np.float64]
 Gap = dict[str, float]
@@ -29,7 +29,7 @@ def weight_of(data: Sequence[Data]) -> float:
     return displacement_weight([d.specimen.test for d in data])
 
 
-def _gap(residuals: Sequence[Floats], sigmas: Sequence[Floats], weight: float) -> Gap:
+def gap_of(residuals: Sequence[Floats], sigmas: Sequence[Floats], weight: float) -> Gap:
     """Mean absolute residual per component, e, e_w (mm; mean over tests) and chi."""
     means = np.mean([np.nanmean(np.abs(r).reshape(-1, 3), axis=0) for r in residuals], axis=0)
     squares = [np.nanmean((r / s) ** 2) for r, s in zip(residuals, sigmas, strict=True)]
@@ -53,7 +53,7 @@ def _residuals(data: Sequence[Data], fit: Regression) -> list[Floats]:
 
 def fitted_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
     """Gap on the data that were fitted."""
-    return _gap(_residuals(data, fit), [d.sigma for d in data], weight)
+    return gap_of(_residuals(data, fit), [d.sigma for d in data], weight)
 
 
 def held_out_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
@@ -71,7 +71,7 @@ def held_out_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
             own = d.blocks.folds()[fold]
             inside = np.isin(d.blocks.cell, own)
             r[inside] -= np.tensordot(step, derivative[:, inside], 1)
-    return _gap(residuals, [d.sigma for d in data], weight)
+    return gap_of(residuals, [d.sigma for d in data], weight)
 
 
 def _fold_of_all(data: Sequence[Data], fold: int) -> NDArray[np.int64]:

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
-from bulgefit.gap.regress import Data
+from bulgefit.gap.regress import Data, Regression, regress
 from bulgefit.model.specimen import Shapes, Specimen
 
-__all__ = ["Prepared", "correct_discretisation", "prepare"]
+__all__ = [
+    "Prepared",
+    "correct_discretisation",
+    "drop_outliers",
+    "prepare",
+    "renew_noise",
+    "settle",
+]
 
 Floats = NDArray[np.float64]
 
@@ -166,3 +174,15 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     ratio = (FINE / COARSE) ** 2
     specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)
     prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
+
+
+def settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
+    """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
+    for p, prediction in zip(prepared, fit.predictions, strict=True):
+        try:
+            correct_discretisation(p, prediction.shapes)
+        except SolveError:
+            p.data.specimen.correction = None
+        renew_noise(p, p.data.specimen.observe(prediction.shapes).displacement)
+    shapes = [p.shapes for p in fit.predictions]
+    return regress([p.data for p in prepared], fit.keys, fit.values, shapes)

@@ -225,7 +225,7 @@ def normal_equations(
         square, n = np.zeros(count), np.zeros(count, dtype=np.int64)
         for cell in range(count):
             inside = d.blocks.cell == cell
-            rows = scaled[:, inside].reshape(len(places), -1)
+            rows = scaled[:, inside].reshape(len(places), 3 * int(inside.sum()))
             r = residual[inside].ravel()
             h[cell][np.ix_(places, places)] = rows @ rows.T
             g[cell, places] = rows @ r
@@ -256,7 +256,7 @@ def regress(
     ----------
     data : sequence of Data
     keys : sequence of str
-        Freed parameters.
+        Freed parameters; without any, the start is only compared.
     start : mapping
         Values of the freed and of any held parameter.
     near : sequence of Shapes, optional
@@ -278,8 +278,8 @@ def regress(
         values[key] = float(np.clip(values[key], low, high))
     predictions = list(known) if known is not None else _predict(data, keys, values, near)
     current = normal_equations(data, predictions, keys)
-    converged, damping = False, 0.0
-    for _ in range(iterations):
+    converged, damping = not keys, 0.0
+    for _ in range(iterations if keys else 0):
         step = _bounded_step(current, values, keys, bounds, damping)
         trial = {**values, **{k: values[k] + s for k, s in zip(keys, step, strict=True)}}
         expected = float(2 * step @ current[1].sum(axis=0) - step @ current[0].sum(axis=0) @ step)

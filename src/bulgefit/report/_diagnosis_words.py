@@ -86,6 +86,7 @@ def table(diagnosis: Diagnosis) -> str:
         f"{label:<26}" + "".join(f"{gap[c]:>9.4f}" for c in _GAP_COLUMNS)
         for label, gap in _gaps(diagnosis)
     ]
+    lines += _wrapped(_held_out_test(diagnosis))
     lines += ["", f"{'moduli (MPa)':<26}{'moduli alone':<24}with causes"]
     lines += [f"{m:<26}{alone:<24}{final}" for m, alone, final in _moduli(diagnosis)]
     parts = {
@@ -144,6 +145,7 @@ def page(diagnosis: Diagnosis) -> list[Block]:
                 ),
             ),
         ),
+        *([Block("text", (_held_out_test(diagnosis),))] if diagnosis.holdout else []),
         Block("heading", ("What stays unexplained",)),
         Block("list", tuple(_remainder(diagnosis))),
         Block("heading", ("What to do next",)),
@@ -180,6 +182,19 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
+
+
+def _held_out_test(diagnosis: Diagnosis) -> str:
+    """How the specimen that was kept out is met; nothing where there is none."""
+    kept = diagnosis.holdout
+    if kept is None:
+        return ""
+    return (
+        f"{kept.test} took no part. With what specimens share from the other tests, and its own "
+        f"{len(kept.parameters)} parameters fitted on {len(kept.fitted_bar)} of its frames, e_w "
+        f"on the {len(kept.judged_bar)} between them goes from {kept.baseline['e_w']:.4f} to "
+        f"{kept.explained['e_w']:.4f} mm (noise {kept.noise_floor['e_w']:.4f})."
+    )
 
 
 def _helps(causes: Sequence[Cause]) -> str:

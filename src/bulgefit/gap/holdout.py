@@ -1,0 +1,124 @@
+"""Does what was learnt from other specimens hold for one that was kept out?
+
+What the specimens share (moduli, material effects) comes from the others. What is the specimen's
+own (shape, clamp, load, camera) is fitted on every second of its frames, and the gap is judged on
+the frames between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.effects import MODULI
+from bulgefit.gap.explain import Explanation
+from bulgefit.gap.measure import Gap, gap_of, noise_gap
+from bulgefit.gap.prepare import Prepared, prepare, settle
+from bulgefit.gap.regress import Data, Regression, own_key, regress, start_of
+
+__all__ = ["HeldOutTest", "judge_held_out"]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutTest:
+    """How a specimen that was kept out is met.
+
+    Attributes
+    ----------
+    test : str
+    fitted_bar, judged_bar : list of float, bar
+        Pressures of the frames that its own parameters were fitted on, and of those judged.
+    baseline, explained, noise_floor : Gap
+        On the judged frames: with the others' moduli alone; with all that was found; noise alone.
+    parameters : dict of key to {"value", "stderr"}
+        The specimen's own.
+    """
+
+    test: str
+    fitted_bar: list[float]
+    judged_bar: list[float]
+    baseline: Gap
+    explained: Gap
+    noise_floor: Gap
+    parameters: dict[str, dict[str, float]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types."""
+        return dict(vars(self))
+
+
+def judge_held_out(test: BulgeTest, found: Explanation, law: str, weight: float) -> HeldOutTest:
+    """Meet a kept-out specimen with what was found on the others.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    found : Explanation
+        Of the others.
+    law : str
+    weight : float
+        Of dz in e_w.
+
+    Raises
+    ------
+    InputError
+        Too few points or frames.
+    SolveError
+        The others' material does not carry this test's pressures.
+    """
+    prepared = prepare(test, law)
+    data = prepared.data
+    every_second = np.argsort(np.argsort(data.specimen.recorded, kind="stable")) % 2 == 0
+    measured = data.used
+    data.used = measured & every_second[:, None, None]
+
+    alone = _fitted(prepared, {m: found.baseline.values[m] for m in MODULI}, ())
+    shared, own = _divided(found.final)
+    full = _fitted(prepared, shared, own)
+    errors = full.standard_errors() if own else {}
+
+    data.used = measured & ~every_second[:, None, None]
+    bars = 10.0 * data.specimen.recorded
+    return HeldOutTest(
+        test.name,
+        bars[every_second].tolist(),
+        bars[~every_second].tolist(),
+        _gap(data, alone, weight),
+        _gap(data, full, weight),
+        noise_gap([data], weight),
+        {key: {"value": float(full.values[key]), "stderr": float(errors[key])} for key in own},
+    )
+
+
+def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:
+    """What the specimens share, by value, and the names of what is each one's own.
+
+    With a single specimen nothing says by its name whose it is; the catalogue does.
+    """
+    own: dict[str, None] = {}
+    shared = {}
+    for key, value in final.values.items():
+        name = key.partition("@")[0]
+        if own_key(name, 0, several=True) == name:
+            shared[name] = value
+        elif key in final.keys:
+            own[name] = None
+    return shared, tuple(own)
+
+
+def _fitted(prepared: Prepared, fixed: dict[str, float], own: Sequence[str]) -> Regression:
+    """The specimen's own parameters fitted, and again with mesh and noise as they are there."""
+    data = [prepared.data]
+    prepared.data.specimen.correction = None
+    start = {**fixed, **{name: start_of(name, data) for name in own}}
+    return settle([prepared], regress(data, own, start))
+
+
+def _gap(data: Data, fit: Regression, weight: float) -> Gap:
+    (prediction,) = fit.predictions
+    residual = np.where(data.used, data.specimen.measured - prediction.displacement, np.nan)
+    return gap_of([residual], [data.sigma], weight)
