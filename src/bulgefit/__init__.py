@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
     from bulgefit.gap.diagnosis import diagnose as diagnose
+    from bulgefit.inverse.bootstrap import bootstrap as bootstrap
     from bulgefit.inverse.crossval import crossval as crossval
     from bulgefit.inverse.evaluate import evaluate as evaluate
     from bulgefit.inverse.fit import fit as fit
@@ -37,6 +38,7 @@ _HOMES = {
     "Material": "bulgefit.model.parameters",
     "Mesh": "bulgefit.fem.mesh",
     "Simulation": "bulgefit.simulation",
+    "bootstrap": "bulgefit.inverse.bootstrap",
     "crossval": "bulgefit.inverse.crossval",
     "diagnose": "bulgefit.gap.diagnosis",
     "disc": "bulgefit.fem.mesh",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import platform
 import socket
@@ -46,11 +47,12 @@ def open_executor(
         No scheduler answers there, it has no workers, or they are not as this process is.
     """
     if scheduler is not None:
-        client = _connected(scheduler)
-        try:
-            yield client.get_executor(pure=False)
-        finally:
-            client.close()
+        with _dask_is_quiet():
+            client = _connected(scheduler)
+            try:
+                yield client.get_executor(pure=False)
+            finally:
+                client.close()
         return
     pool: Executor = Processes(workers) if processes else ThreadPoolExecutor(workers)
     try:
@@ -82,6 +84,20 @@ class Processes(Executor):
         """Replace the processes."""
         self._pool.shutdown(cancel_futures=True)
         self._pool = self._fresh()
+
+
+@contextmanager
+def _dask_is_quiet() -> Iterator[None]:
+    """No tracebacks in Dask's log: what goes wrong is told by our errors."""
+    loggers = [logging.getLogger(f"distributed.{name}") for name in ("client", "utils")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _connected(address: str) -> Any:

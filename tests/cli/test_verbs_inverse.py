@@ -423,6 +423,17 @@ def test_fit_says_what_ends_at_a_bound(folder, capsys):
     assert sorted(os.listdir("f")) == ["good_profiles.png", "good_residuals.png"]
 
 
+def test_fit_with_a_bootstrap(folder, capsys):
+    words = ["fit", "good.npz", "--material", "isotropic", "--starts", 1, "--bootstrap", 3]
+    result = json_alone(capsys, *words, "--workers", 1)
+    assert result["bootstrap"]["replicates"] == 3
+    low, high = result["bootstrap"]["parameters"]["E"]["interval"]
+    assert low < high
+    assert run(*words, "--refine", REFINE, "--workers", 2) == 0
+    assert f"  E    {low:>12.6g} to {high:.6g} MPa" in capsys.readouterr().out
+    refused(capsys, folder, "--bootstrap 0: give 1 or more", *words[:-1], 0)
+
+
 @pytest.mark.parametrize(
     ("words", "names"),
     [

@@ -35,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit fit test1.npz test2.npz --objective e --plots figures\n"
         "  bulgefit fit test1.npz --material isotropic --bounds E=100:400 --json result.json\n"
         "  bulgefit fit test1.npz --free nu12 --method L-BFGS-B --starts 10 --seed 3\n"
-        "  bulgefit fit test1.npz --cross-table"
+        "  bulgefit fit test1.npz --cross-table\n"
+        "  bulgefit fit test1.npz --bootstrap 200 --json result.json\n"
+        "  bulgefit fit test*.npz --starts 50 --scheduler tcp://cluster:8786"
     )
     add_tests_argument(parser)
     _inverse.add_search_arguments(parser)
@@ -54,6 +56,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also fit the other objectives, and give each objective (mm) under each optimum and "
         "of a model that does not deform (default: the one fit)",
     )
+    parser.add_argument(
+        "--bootstrap",
+        type=int,
+        metavar="N",
+        help="also fit N times to frames drawn with replacement, and give the 95 %% intervals of "
+        "the parameters (default: none); workers of this machine are then processes",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,7 +71,10 @@ def run(args: argparse.Namespace) -> int:
     tests = _inverse.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
     options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
+    if args.bootstrap is not None and args.bootstrap < 1:
+        raise InputError(f"--bootstrap {args.bootstrap}: give 1 or more")
 
+    from bulgefit.inverse.bootstrap import bootstrap
     from bulgefit.inverse.fit import fit
 
     _common.announce_kernels(args)
@@ -71,16 +83,24 @@ def run(args: argparse.Namespace) -> int:
         f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
         f"{args.starts} starts",
     )
-    with _common.executor_from(args) as executor:
+    sure = None
+    with _common.executor_from(args, processes=args.bootstrap is not None) as executor:
         options["executor"] = executor
         result = fit(tests, args.objective, **options)
         payload = result.to_dict()
         if args.cross_table:
             payload["cross_table"] = _cross_table(args, result, tests, options)
+        if args.bootstrap is not None:
+            _common.progress(args, f"refitting {args.bootstrap} times")
+            same = {key: options[key] for key in ("seed", "method", "limits", "executor")}
+            sure = bootstrap(result, tests, replicates=args.bootstrap, **same)
+            payload["bootstrap"] = sure.to_dict()
     if args.json is not None:
         _common.write_json(payload, args.json, args.force)
     if not _common.prints_json(args):
         print(result.report())
+        if sure is not None:
+            print(sure.report())
         if args.cross_table:
             print(_cross_lines(payload["cross_table"]))
     if figures:

@@ -9,9 +9,8 @@ from concurrent.futures import Executor
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import BulgefitError
 from bulgefit.inverse.minimise import GAUSS_NEWTON, Limits
-from bulgefit.inverse.multistart import multistart
+from bulgefit.inverse.multistart import best_of, multistart
 from bulgefit.inverse.objective import Objective
 from bulgefit.inverse.problem import Problem
 from bulgefit.inverse.result import FitResult, Stability, describe_tests
@@ -65,6 +64,7 @@ def fit(
         "gauss-newton" or a scipy minimiser.
     limits : Limits, optional
     executor : concurrent.futures.Executor, optional
+        Threads, processes, or `Client.get_executor()` of Dask: the data reach each process once.
     workers : int
         Threads where no executor is given.
 
@@ -88,11 +88,7 @@ def fit(
         executor=executor,
         workers=workers,
     )
-    values = [d.best.value for d in descents]
-    if not np.isfinite(values).any():
-        raise BulgefitError(f"no start found an equilibrium: {descents[0].reason}")
-    best = descents[int(np.nanargmin(values))]
-    found = problem.material(problem.coordinates(best.best.values))
+    best, found = best_of(problem, descents)
     with one_blas_thread():
         tests_parts = target.parts(target.virtual.fields(found))
         stable = stability(target, found)
@@ -100,7 +96,7 @@ def fit(
         material=found,
         free=problem.free,
         objective=objective,
-        value=best.best.value,
+        value=best.value,
         weights=target.weights.tolist(),
         tests=tests_parts,
         descents=descents,
@@ -119,6 +115,7 @@ def fit(
         },
         seconds=time.perf_counter() - began,
         sources=describe_tests(given),
+        setup=target.virtual.setup,
     )
 
 

@@ -6,21 +6,31 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from bulgefit.errors import InputError
+from bulgefit.errors import BulgefitError, InputError
 from bulgefit.inverse.minimise import GAUSS_NEWTON, Descent, Limits, descend
-from bulgefit.inverse.problem import Problem
+from bulgefit.inverse.problem import Evaluation, Problem
+from bulgefit.model.parameters import Material
 from bulgefit.spread import spread
 from bulgefit.threads import one_blas_thread
 from bulgefit.workers import open_executor
 
-__all__ = ["descents", "multistart", "starting_points"]
+__all__ = ["Problems", "best_of", "descents", "multistart", "starting_points"]
 
 Floats = NDArray[np.floating]
+
+
+class Problems(Protocol):
+    """Several problems, such as a list of them; it may make them when they are asked for."""
+
+    def __getitem__(self, index: int, /) -> Problem:
+        """One of them."""
+        ...
 
 
 def starting_points(size: int, count: int, seed: int) -> Floats:
@@ -61,7 +71,7 @@ def multistart(
 
 
 def descents(
-    problems: Sequence[Problem],
+    problems: Problems,
     jobs: Sequence[tuple[int, Floats]],
     *,
     method: str = GAUSS_NEWTON,
@@ -73,8 +83,8 @@ def descents(
 
     Parameters
     ----------
-    problems : sequence of Problem
-        Sent to each worker process once; it may make its items when they are asked for.
+    problems : Problems
+        Sent to each worker process once.
     jobs : sequence of (index, start)
         Which problem, and the coordinates to start from.
     method, limits
@@ -90,7 +100,7 @@ def descents(
 
 
 def _descend_alone(
-    problems: Sequence[Problem],
+    problems: Problems,
     job: tuple[int, Floats],
     *,
     method: str,
@@ -100,3 +110,12 @@ def _descend_alone(
     index, start = job
     with one_blas_thread():
         return descend(problems[index], start, method, limits)
+
+
+def best_of(problem: Problem, found: Sequence[Descent]) -> tuple[Evaluation, Material]:
+    """The lowest end of all descents, and its material; BulgefitError where there is none."""
+    values = [d.best.value for d in found]
+    if not np.isfinite(values).any():
+        raise BulgefitError(f"no start found an equilibrium: {found[0].reason}")
+    best = found[int(np.nanargmin(values))].best
+    return best, problem.material(problem.coordinates(best.values))

@@ -15,6 +15,7 @@ and for several tests the mean over tests. The study's paper averages over all p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,12 +103,12 @@ class Objective:
         self.tests = self.virtual.tests
         self.weights = _component_weights(self.tests, weight)
         factors = {"e": np.ones(3), "e_w": self.weights, "e_z": np.array([0.0, 0.0, 1.0])}[name]
-        self._whole = [_Part(test, test.blocks, average) for test in self.tests]
-        self._apex = [_Part(test, apex_blocks(test), average) for test in self.tests]
+        shared = factors / len(self.tests)
+        self._whole = [_Part(test, test.blocks, average, shared) for test in self.tests]
+        self._apex = [_Part(test, apex_blocks(test), average, shared) for test in self.tests]
         self._parts = self._apex if name == "e_z" else self._whole
         for part in self._parts:
-            part.scale(factors / len(self.tests))
-            if not part.counts[:, factors > 0].any():
+            if part.empty:
                 raise InputError(
                     f"{part.test.name}: nothing was measured that {name} compares"
                     + (" (no dz near the centre)" if name == "e_z" else "")
@@ -115,6 +116,10 @@ class Objective:
         values = sum(int(part.counts[:, factors > 0].sum()) for part in self._parts)
         self._kept = min(1.0, SAMPLE / values)
         self._samples: dict[int, list[_Sample]] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        # copies of the data, made again wherever they are needed
+        return {**self.__dict__, "_samples": {}}
 
     @property
     def weight(self) -> float:
@@ -187,6 +192,24 @@ class Objective:
             ]
         jacobian, residual, scale = (np.concatenate(items) for items in zip(*found, strict=True))
         return Rows(jacobian @ columns, residual, scale, whole=self._kept == 1.0)
+
+    def repeated(self, times: Sequence[Floats]) -> Objective | None:
+        """The objective with each frame of each test counted so many times, for the bootstrap.
+
+        Parameters
+        ----------
+        times : sequence of (frames,) arrays
+            0 leaves a frame out.
+
+        Returns
+        -------
+        Objective or None
+            It shares everything else with this one; None where nothing is left to compare.
+        """
+        other = copy(self)
+        other._parts = [p.repeated(t) for p, t in zip(self._parts, times, strict=True)]
+        other._samples = {}
+        return None if any(part.empty for part in other._parts) else other
 
     def parts(self, fields: Sequence[Fields]) -> list[TestParts]:
         """Every objective of every test for given nodal displacements."""
@@ -275,21 +298,43 @@ def _of_frames(field: Floats, block: Block) -> Floats:
 class _Part:
     """Blocks of one test that an objective looks at, and the factor of each frame's sums."""
 
-    def __init__(self, test: BulgeTest, blocks: tuple[Block, ...], average: str) -> None:
+    def __init__(
+        self,
+        test: BulgeTest,
+        blocks: tuple[Block, ...],
+        average: str,
+        factors: Floats,
+    ) -> None:
         self.test, self.blocks = test, blocks
-        counted = [count_and_peaks(block.displacement)[0] for block in blocks]
-        self.counts = np.concatenate(counted) if counted else np.zeros((0, 3), dtype=int)
-        if average == "points":
-            share = 1.0 / np.maximum(self.counts.sum(axis=0), 1)
-            self._share = [np.broadcast_to(share, c.shape) for c in counted]
-        else:
-            frames = np.maximum((self.counts > 0).sum(axis=0), 1)
-            self._share = [1.0 / (np.maximum(c, 1) * frames) for c in counted]
-        self.scales = self._share
+        self._average, self._factors = average, factors
+        self._counted = [count_and_peaks(block.displacement)[0] for block in blocks]
+        self.counts = np.concatenate(self._counted) if blocks else np.zeros((0, 3), dtype=int)
+        self._weigh(np.ones(test.n_frames))
 
-    def scale(self, factors: Floats) -> None:
-        """Multiply the components by `factors` (3,)."""
-        self.scales = [share * factors for share in self._share]
+    def repeated(self, times: Floats) -> _Part:
+        """The same, with each frame of the test counted so many times (frames,)."""
+        other = copy(self)
+        other._weigh(times)
+        return other
+
+    @property
+    def empty(self) -> bool:
+        """Whether no value counts in the objective."""
+        return not any(scale.any() for scale in self.scales)
+
+    def _weigh(self, times: Floats) -> None:
+        often = [times[block.frames, None] for block in self.blocks]
+        pairs = list(zip(self._counted, often, strict=True))
+        if self._average == "points":
+            values = sum(((c * t).sum(axis=0) for c, t in pairs), start=np.zeros(3))
+            self._share = [t / np.maximum(values, 1) * np.ones(3) for _, t in pairs]
+        else:
+            frames = sum((((c > 0) * t).sum(axis=0) for c, t in pairs), start=np.zeros(3))
+            self._share = [t / (np.maximum(c, 1) * np.maximum(frames, 1)) for c, t in pairs]
+        self.scales = [
+            share * (c > 0) * self._factors
+            for share, c in zip(self._share, self._counted, strict=True)
+        ]
 
     def means(self, sums: list[Floats]) -> list[float | None]:
         """Mean absolute deviation per component, mm; None where nothing was measured."""

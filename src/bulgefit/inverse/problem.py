@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,6 +84,12 @@ class Problem:
         self._lower = np.array([p.lower for p in self.free])
         self._upper = np.array([p.upper for p in self.free])
         self._is_log = np.array([p.unit == "MPa" for p in self.free])
+
+    def with_objective(self, objective: Objective) -> Problem:
+        """The same parameters and bounds with another objective."""
+        other = copy(self)
+        other.objective = objective
+        return other
 
     @property
     def size(self) -> int:

@@ -14,6 +14,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.inverse.minimise import Descent
 from bulgefit.inverse.objective import TestParts
 from bulgefit.model.parameters import Material, Parameter
+from bulgefit.model.virtual_test import Setup
 
 __all__ = ["FitResult", "Stability", "describe_tests", "versions"]
 
@@ -63,6 +64,10 @@ class FitResult:
         Everything needed to run the fit again.
     seconds : float
         Wall time.
+    sources : list of dict
+        Names and checksums of the tests.
+    setup : Setup or None
+        How the virtual tests were computed; None: the default.
     """
 
     material: Material
@@ -76,6 +81,7 @@ class FitResult:
     settings: dict[str, Any]
     seconds: float
     sources: list[dict[str, Any]] = field(default_factory=list)
+    setup: Setup | None = None
 
     @property
     def evaluations(self) -> int:
