@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -134,6 +137,44 @@ def test_a_worker_of_a_cluster_that_dies(cluster: str, tmp_path: Path) -> None:
     with open_executor(scheduler=cluster) as pool:
         assert spread(pool, die_once, data, range(8)) == [i * i for i in range(8)]
     assert (tmp_path / "died").exists()
+
+
+def linger(data: None, item: int) -> int:
+    time.sleep(0.5)
+    return item
+
+
+def test_a_scheduler_that_dies_is_told_of() -> None:
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    words = [sys.executable, "-m", "dask", "scheduler", "--port", str(port), "--no-dashboard"]
+    scheduler = subprocess.Popen(words, **quiet)
+    address = f"tcp://127.0.0.1:{port}"
+    words = [sys.executable, "-m", "dask", "worker", address, "--no-nanny", "--no-dashboard"]
+    worker = subprocess.Popen(words, **quiet)
+    try:
+        _wait_for(port)
+        with (
+            open_executor(scheduler=address) as pool,
+            pytest.raises(BulgefitError, match="the cluster's scheduler was lost"),
+        ):
+            spread(pool, linger, None, range(40), lambda index, result: scheduler.kill())
+    finally:
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
+
+
+def _wait_for(port: int) -> None:
+    for _ in range(200):
+        try:
+            socket.create_connection(("127.0.0.1", port), 1).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
 
 
 def test_errors_of_tasks_come_through(cluster: str) -> None:

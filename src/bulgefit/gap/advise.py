@@ -34,10 +34,13 @@ class Advice:
     separation : float
         Predicted distance, in standard errors, between the two leading explanations once the
         measurement is added; now it is that of the first entry, "this test alone".
+    between : (str, str)
+        Those two effects.
     """
 
     measurement: str
     separation: float
+    between: tuple[str, str]
 
 
 def advise(data: Sequence[Data], found: Explanation, known: Universe) -> list[Advice]:
@@ -72,7 +75,8 @@ def advise(data: Sequence[Data], found: Explanation, known: Universe) -> list[Ad
     except BulgefitError:
         return []
     ranked = [
-        Advice(name, _separation(h, rival, names, size, d.inflation)) for name, h in options.items()
+        Advice(name, _separation(h, rival, names, size, d.inflation), pair)
+        for name, h in options.items()
     ]
     return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
 

@@ -134,7 +134,12 @@ class Diagnosis:
                 {"effects": list(p.effects), "cosine": p.cosine} for p in self.pairs
             ],
             "advice": [
-                {"measurement": a.measurement, "separation": a.separation} for a in self.advice
+                {
+                    "measurement": a.measurement,
+                    "separation": a.separation,
+                    "between": list(a.between),
+                }
+                for a in self.advice
             ],
             "remainder": {
                 "significant": rest.significant,

@@ -52,7 +52,8 @@ class Effect:
         Numbers of parameters, ascending, at which the group may stop: flexible effects take as
         many as held-out data pay for.
     held_back : int
-        Last stages that are tried only once the ones before are in the model.
+        Last stages that are tried only once the ones before are in the model, and most of what is
+        left is constant in pressure.
     shared : bool
         True for the material: specimens of one fabric share it.
     needs_time : bool
@@ -79,11 +80,19 @@ class Effect:
         """Parameter groups that may be freed, each containing the one before."""
         return tuple(self.all_keys[:count] for count in (self.stages or (len(self.parameters),)))
 
-    def within_reach(self, freed: int) -> tuple[tuple[str, ...], ...]:
-        """Groups worth trying where `freed` of the parameters are in the model."""
+    def within_reach(self, freed: int, *, constant: bool) -> tuple[tuple[str, ...], ...]:
+        """Groups worth trying.
+
+        Parameters
+        ----------
+        freed : int
+            How many of the parameters are in the model.
+        constant : bool
+            Whether most of what is left does not change with pressure.
+        """
         groups = self.groups()
-        open_ones = groups[: len(groups) - self.held_back]
-        return groups if freed >= len(open_ones[-1]) else open_ones
+        near = groups[: len(groups) - self.held_back]
+        return groups if freed > len(near[-1]) or (constant and freed == len(near[-1])) else near
 
 
 def _several(names: Iterable[str], unit: str, size: float) -> tuple[EffectParameter, ...]:

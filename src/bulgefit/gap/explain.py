@@ -13,7 +13,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import Effect
 from bulgefit.gap.regress import Data, Regression, null_of, regress, start_of
 from bulgefit.gap.structure import Structure, structure
-from bulgefit.gap.universe import Universe, all_folds, freed, group_keys, universe
+from bulgefit.gap.universe import Universe, all_folds, group_keys, universe
 
 __all__ = ["Candidate", "Explanation", "Round", "explain"]
 
@@ -198,8 +198,10 @@ def _forecasts(
     out = []
     for effect in search.effects:
         best = None
-        for group in effect.within_reach(freed(effect, current.keys)):
+        for group in effect.groups():
             keys = group_keys(group, len(search.data))
+            if not set(keys) <= set(known.keys):
+                break  # out of reach
             extra = tuple(k for k in keys if k not in current.keys)
             if not extra:
                 continue

@@ -20,7 +20,7 @@ from bulgefit.gap.regress import (
 )
 from bulgefit.model.specimen import Prediction
 
-__all__ = ["Universe", "all_folds", "effect_of", "freed", "group_keys", "universe"]
+__all__ = ["Universe", "all_folds", "effect_of", "freed", "group_keys", "is_constant", "universe"]
 
 Floats = NDArray[np.float64]
 
@@ -98,7 +98,8 @@ def group_keys(names: Iterable[str], count: int) -> tuple[str, ...]:
 def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -> Universe:
     """Normal equations at a fit, by everything that could be freed."""
     usable = [e for e in effects if not e.never_separable]
-    names = [n for e in usable for n in e.within_reach(freed(e, fit.keys))[-1]]
+    constant = is_constant(data, fit)
+    names = [n for e in usable for n in e.within_reach(freed(e, fit.keys), constant=constant)[-1]]
     keys = tuple(dict.fromkeys([*fit.keys, *group_keys([*MODULI, *names], len(data))]))
     predictions = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
@@ -106,6 +107,17 @@ def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -
         predictions.append(d.specimen.predict(specimen_values(fit.values, index), wanted, p.shapes))
     h, g, square, _ = normal_equations(data, predictions, keys)
     return Universe(keys, h, g, square, predictions, dict(fit.values))
+
+
+def is_constant(data: Sequence[Data], fit: Regression) -> bool:
+    """Whether most of the residual is the same in every frame."""
+    same, whole = 0.0, 0.0
+    for d, p in zip(data, fit.predictions, strict=True):
+        residual = d.residual(p)
+        frames = np.maximum(d.used.sum(axis=0), 1)
+        same += float((residual.sum(axis=0) ** 2 / frames).sum())
+        whole += float((residual**2).sum())
+    return same > 0.5 * whole
 
 
 def freed(effect: Effect, keys: Sequence[str]) -> int:

@@ -351,18 +351,19 @@ def _advice(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.advice:
         return ["No two explanations compete; no further measurement is needed to split them."]
     now, *others = diagnosis.advice
+    pair = _listed(now.between)
     useful = [a for a in others if a.separation > 1.05 * now.separation]
     if not any(c.alternatives for c in diagnosis.causes) and now.separation >= _APART:
         return [
-            "The two leading explanations lie "
+            f"The two leading explanations, {pair}, lie "
             f"{now.separation:.0f} standard errors apart with this data: no further measurement "
             "is needed to split them."
         ]
     if not useful:
-        return ["No further measurement that was tried would split the leading explanations."]
+        return [f"No further measurement that was tried would split {pair}."]
     options = [f"{a.measurement} ({a.separation:.0f})" for a in useful[:3]]
     return [
-        f"To split the leading explanations, best first: {'; '.join(options)}. In brackets the "
+        f"To split {pair}, best first: {'; '.join(options)}. In brackets the "
         f"standard errors that would lie between them; now it is {now.separation:.0f}."
     ]
 
