@@ -9,7 +9,7 @@ import socket
 import struct
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 from urllib.parse import urlsplit
@@ -89,6 +89,8 @@ class Processes(Executor):
 @contextmanager
 def _dask_is_quiet() -> Iterator[None]:
     """No tracebacks in Dask's log: what goes wrong is told by our errors."""
+    with suppress(ImportError):
+        import distributed  # noqa: F401  (sets the levels of its loggers when first imported)
     loggers = [logging.getLogger(f"distributed.{name}") for name in ("client", "utils")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
