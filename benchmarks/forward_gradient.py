@@ -41,13 +41,14 @@ def sector_forces(membrane: Membrane, count: int, shape: np.ndarray) -> np.ndarr
 
 def gradient(path: Path, misfit: np.ndarray) -> np.ndarray:
     """Derivative of ½ Σ misfit² over 200 levels and all nodes by every parameter."""
-    value, slope = path.weights(LEVELS)
-    on_value, on_slope = (
-        np.stack([weight[i].T @ misfit[:, :, i] for i in range(3)], axis=-1)
-        for weight in (value, slope)
-    )
-    return np.einsum("lkni,lni->k", path.sensitivity, on_value) + np.einsum(
-        "lkni,lni->k", path.sensitivity_slope, on_slope
+    weight = np.concatenate(path.weights(LEVELS), axis=2)
+    # the weights of dx and dy are the same: they have one parity
+    on_levels = weight[0].T @ misfit.reshape(len(misfit), -1)
+    on_levels = on_levels.reshape(len(on_levels), *misfit.shape[1:])
+    on_levels[:, :, 2] = weight[2].T @ misfit[:, :, 2]
+    count = len(path.pressure)
+    return np.einsum("lkni,lni->k", path.sensitivity, on_levels[:count]) + np.einsum(
+        "lkni,lni->k", path.sensitivity_slope, on_levels[count:]
     )
 
 

@@ -1,4 +1,4 @@
-"""Forward and back substitution with a banded Cholesky factor, all right-hand sides together.
+"""Products and substitutions with a symmetric band, all columns of the other side together.
 
 LAPACK's dpbtrs takes one right-hand side after the other and reads the factor anew for each. Here
 four columns of the factor at a time serve all of them while they are in the fastest memory.
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.jit import compiled
 
-__all__ = ["PANEL", "substitute"]
+__all__ = ["PANEL", "multiply", "substitute"]
 
 Floats = NDArray[np.float64]
 
@@ -89,3 +89,29 @@ def substitute(column: Floats, right: Floats) -> None:
     for j in range(whole - PANEL, -1, -PANEL):
         for k in range(len(right)):
             _backward(column, j, right[k])
+
+
+@compiled
+def multiply(column: Floats, x: Floats, out: Floats) -> None:
+    """Symmetric matrix times vectors.
+
+    Parameters
+    ----------
+    column : (N, height) array
+        The matrix's columns from the diagonal down.
+    x : (k, N) array
+        Vectors, one a row.
+    out : (k, N) array
+        Overwritten with the products.
+    """
+    n, height = column.shape
+    out[:] = 0.0
+    for j in range(n):
+        below = column[j, 1 : min(height, n - j)]
+        for k in range(len(x)):
+            here, total = x[k, j], column[j, 0] * x[k, j]
+            known, sums = x[k, j + 1 :], out[k, j + 1 :]
+            for t in range(len(below)):
+                sums[t] += below[t] * here
+                total += below[t] * known[t]
+            out[k, j] += total

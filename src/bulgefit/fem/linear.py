@@ -15,12 +15,12 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
+from scipy.linalg import lapack
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
-from bulgefit.fem.banded import PANEL, substitute
+from bulgefit.fem.banded import PANEL, multiply, substitute
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -170,9 +170,10 @@ class BandedCholesky:
 
     def multiply(self, data: Floats, columns: Floats) -> Floats:
         """The tangent times columns (N, k)."""
-        band = data[:-1].reshape((self._height, self.size), order="F")
-        below = self._height - 1
-        return np.stack([blas.dsbmv(below, 1.0, band, c, lower=1) for c in columns.T], axis=1)
+        right = np.ascontiguousarray(columns.T)
+        product = np.empty_like(right)
+        multiply(data[:-1].reshape(self.size, self._height), right, product)
+        return product.T
 
 
 class BandedLUFactor:
