@@ -1,17 +1,23 @@
-"""Time fits: 1.84 million points, growth with points, and the methods against each other.
+"""Time fits: 1.84 million points, growth with points, workers, and methods against each other.
 
-    python benchmarks/fit.py [--only scale,growth,methods] [--data ../shared/data]
+    python benchmarks/fit.py [--only scale,methods,growth,workers,cases] [--data ../shared/data]
                              [--write docs/fit.md]
 
-Each fit runs in a process of its own and starts from a file, through the public functions. The
-methods are compared on made tests and, where ../shared/data is there, on the study's.
+Each fit runs in a process of its own and starts from a file, through the public functions. With
+--write the page keeps its sections that are not run. The section cases compares two methods on
+made tests and, where ../shared/data is there, on the study's.
 """
 
 from __future__ import annotations
 
+import os
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
+
 import argparse
 import json
 import platform
+import re
 import resource
 import subprocess
 import sys
@@ -29,8 +35,15 @@ NOISE = 0.02
 #: The made material, MPa, and the bounds of its fits.
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 BOUNDS = {"E1": (100.0, 500.0), "E2": (50.0, 400.0), "G12": (5.0, 100.0)}
-#: Reach of issue 3: forward paths, s on 2 cores, GB.
+#: Reach: forward paths, s on 2 cores, GB; log-log slope in points; efficiency of 2 workers.
 REACH = (35, 12.0, 1.2)
+REACH_SLOPE, REACH_EFFICIENCY = 1.05, 85
+#: Points a frame of the large test, 1.84 million in all.
+LARGE = 37_500
+#: Methods that are compared on the large test.
+METHODS = ("gauss-newton", "L-BFGS-B", "SLSQP", "TNC", "Nelder-Mead")
+#: Refits that the workers share, and how often each way is timed.
+REFITS, REPEATS = 12, 2
 
 
 def make(file: Path, points: int, frames: int, truth: dict[str, float], refine: int = 7) -> None:
@@ -117,16 +130,25 @@ def work(test: Any, at: Any) -> dict[str, float]:
         }
 
 
+def begin(**job: Any) -> subprocess.Popen[str]:
+    """Start `run`, or `share`, in a process of its own."""
+    usual = {"task": "run", "objective": "e_w", "method": "gauss-newton", "workers": 1}
+    job = {**usual, "bounds": BOUNDS, **job, "file": str(job["file"])}
+    words = [sys.executable, __file__, "--run", json.dumps(job)]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+
+
+def result(begun: subprocess.Popen[str]) -> dict[str, Any]:
+    """What the process found."""
+    said, _ = begun.communicate()
+    if begun.returncode:
+        raise SystemExit(begun.returncode)
+    return json.loads(said.splitlines()[-1])
+
+
 def apart(**job: Any) -> dict[str, Any]:
     """`run` in a process of its own."""
-    job = {"objective": "e_w", "method": "gauss-newton", "workers": 1, "bounds": BOUNDS, **job}
-    told = subprocess.run(
-        [sys.executable, __file__, "--run", json.dumps(job | {"file": str(job["file"])})],
-        check=True,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    return json.loads(told.stdout.splitlines()[-1])
+    return result(begin(**job))
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
@@ -136,11 +158,17 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
     return [*lines, *("| " + " | ".join(str(c) for c in row) + " |" for row in rows), ""]
 
 
+def large(folder: Path) -> Path:
+    """The test of 1.84 million points, made once."""
+    file = folder / "large.npz"
+    if not file.is_file():
+        make(file, LARGE, FRAMES, TRUTH)
+    return file
+
+
 def scale(folder: Path) -> list[str]:
     """The test of 1.84 million points."""
-    points = 37_500
-    file = folder / "large.npz"
-    make(file, points, FRAMES, TRUTH)
+    file = large(folder)
     apart(file=file, starts=1)  # compiles what is not compiled yet
     rows = []
     for workers in (1, 2):
@@ -163,7 +191,7 @@ def scale(folder: Path) -> list[str]:
             )
         )
     return [
-        f"## {FRAMES * points / 1e6:.2f} million points ({FRAMES} frames of {points}), 5 starts",
+        f"## {FRAMES * LARGE / 1e6:.2f} million points ({FRAMES} frames of {LARGE}), 5 starts",
         "",
         "Read from a file (float32) and fitted, e_w. *Ratio*: wall time of the fit over that of "
         "its forward paths with derivatives, one after the other. Reach: at most "
@@ -182,7 +210,7 @@ def scale(folder: Path) -> list[str]:
 
 def growth(folder: Path) -> list[str]:
     """1e5, 1e6 and 1e7 points."""
-    rows, sizes, passes, fits = [], [], [], []
+    rows, sizes, passes, fits, peaks = [], [], [], [], []
     for total in (1e5, 1e6, 1e7):
         points = round(total / FRAMES)
         file = folder / f"{points}.npz"
@@ -192,6 +220,7 @@ def growth(folder: Path) -> list[str]:
         sizes.append(FRAMES * points)
         passes.append(found["pass"])
         fits.append(found["seconds"])
+        peaks.append(found["peak"])
         rows.append(
             (
                 f"{FRAMES * points:,}",
@@ -202,7 +231,7 @@ def growth(folder: Path) -> list[str]:
                 f"{found['peak']:.2f}",
             )
         )
-    slopes = [np.polyfit(np.log(sizes), np.log(t), 1)[0] for t in (passes, fits)]
+    slopes = [np.polyfit(np.log(sizes), np.log(t), 1)[0] for t in (passes, fits, peaks)]
     return [
         "## Growth with points",
         "",
@@ -217,9 +246,123 @@ def growth(folder: Path) -> list[str]:
             ),
             rows,
         ),
-        f"Log-log slopes: a pass {slopes[0]:.2f}, the whole {slopes[1]:.2f} (reach: 1.05).",
+        f"Log-log slopes: a pass {slopes[0]:.2f}, the whole {slopes[1]:.2f}, the peak "
+        f"{slopes[2]:.2f} (reach: {REACH_SLOPE}). A fit has costs that do not grow, its paths.",
         "",
     ]
+
+
+def methods(folder: Path) -> list[str]:
+    """Every method from the same starts on the large test."""
+    file, starts, rows = large(folder), 3, []
+    for method in METHODS:
+        found = apart(file=file, starts=starts, method=method, workers=1)
+        values = found["values"]
+        rows.append(
+            (
+                method,
+                found["paths"],
+                f"{found['paths'] / starts:.1f}",
+                found["failed"],
+                f"{found['converged']}/{starts}",
+                f"{found['at_best']}/{starts}",
+                f"{found['fit']:.1f}",
+                f"{found['value']:.6f}",
+                ", ".join(f"{k} {values[k]:.2f}" for k in ("E1", "E2", "G12")),
+            )
+        )
+    return [
+        "## Methods on the same test",
+        "",
+        f"e_w from {starts} starts, the same for all, one worker; at most 100 paths a start. "
+        "*At the optimum*: starts that ended within 0.1 % of the method's best value. Nelder-Mead "
+        "uses paths without derivatives.",
+        "",
+        *table(
+            ("method", "paths", "a start", "failed", "converged", "at the optimum", "s",
+             "e_w, mm", "found, MPa"),
+            rows,
+        ),
+    ]  # fmt: skip
+
+
+def share(job: dict[str, Any]) -> dict[str, Any]:
+    """Refit in this process's workers: seconds to start them, and for the refits."""
+    from contextlib import ExitStack
+
+    from bulgefit import bootstrap, fit, read_test
+    from bulgefit.workers import open_executor
+
+    test = read_test(job["file"])
+    found = fit(test, bounds=job["bounds"], starts=1)
+    with ExitStack() as stack:
+        began = time.perf_counter()
+        options = {"workers": job["workers"], "processes": job["kind"] == "processes"}
+        if job["kind"] == "Dask":
+            from distributed import LocalCluster
+
+            cluster = LocalCluster(
+                n_workers=job["workers"], threads_per_worker=1, dashboard_address=":0"
+            )
+            options = {"scheduler": stack.enter_context(cluster).scheduler_address}
+        executor = stack.enter_context(open_executor(**options))
+        bootstrap(found, test, replicates=2 * job["workers"], seed=1, executor=executor)
+        ready = time.perf_counter()
+        refits = bootstrap(found, test, replicates=job["refits"], executor=executor)
+        done = time.perf_counter()
+    return {"start": ready - began, "seconds": done - ready, "values": refits.values.tolist()}
+
+
+def workers(folder: Path) -> list[str]:
+    """Refits shared by two workers, against one worker and against two runs side by side."""
+    file, kinds = large(folder), ("threads", "processes", "Dask")
+    seconds: dict[tuple[str, str], list[float]] = {}
+    starts: dict[str, list[float]] = {kind: [] for kind in kinds}
+    values = []
+    for _ in range(REPEATS):
+        for kind in kinds:
+            job = {"file": file, "kind": kind, "refits": REFITS, "task": "share"}
+            for way, count, runs in (("one", 1, 1), ("two", 2, 1), ("apart", 1, 2)):
+                begun = [
+                    begin(**job | {"workers": count, "refits": REFITS // runs}) for _ in range(runs)
+                ]
+                told = [result(one) for one in begun]
+                seconds.setdefault((kind, way), []).append(max(t["seconds"] for t in told))
+                if runs == 1:
+                    values.append(told[0]["values"])
+                if way == "two":
+                    starts[kind].append(told[0]["start"])
+    rows = []
+    for kind in kinds:
+        one, two, beside = (np.array(seconds[kind, way]) for way in ("one", "two", "apart"))
+        rows.append(
+            (
+                kind,
+                f"{np.median(starts[kind]):.1f}",
+                *(f"{np.median(t):.1f}" for t in (one, two, beside)),
+                f"{100 * np.median(one / two) / 2:.0f} %",
+                f"{100 * np.median(beside / two):.0f} %",
+            )
+        )
+    same = all(v == values[0] for v in values)
+    return [
+        "## Two workers",
+        "",
+        f"{REFITS} bootstrap refits of the same test; medians of {REPEATS} interleaved repeats, "
+        "workers started and kernels loaded (*start, s*), data sent within the time. *Efficiency*: "
+        "one worker's time over twice that of two. *Of two runs*: the time of two separate runs "
+        "side by side, half the refits each, over that of two workers: what they lose by working "
+        "together, whatever else the machine does meanwhile. "
+        f"Reach: {REACH_EFFICIENCY} %.",
+        "",
+        *table(
+            ("workers", "start, s", "one, s", "two, s", "two runs, s", "efficiency",
+             "of two runs"),
+            rows,
+        ),
+        f"All refits of all ways are {'the same to the last bit' if same else 'NOT THE SAME'}.",
+        "",
+    ]  # fmt: skip
 
 
 def cases(folder: Path, data: Path) -> list[tuple[str, Path, str, dict[str, Any]]]:
@@ -242,7 +385,7 @@ def cases(folder: Path, data: Path) -> list[tuple[str, Path, str, dict[str, Any]
     return found
 
 
-def methods(folder: Path, data: Path) -> list[str]:
+def compared(folder: Path, data: Path) -> list[str]:
     """Gauss-Newton against L-BFGS-B from the same starts."""
     rows, totals = [], {"gauss-newton": 0, "L-BFGS-B": 0}
     better = dict.fromkeys(totals, 0)
@@ -298,7 +441,32 @@ A fit starts from scrambled-Sobol points of the bounds and descends from each by
 - `L-BFGS-B`, or any other scipy minimiser, with the exact gradient where it takes one.
 
 A solve that fails is told to the minimiser as the worst value so far, and counted.
+
+Starts, the starts of all folds of a cross-validation, and bootstrap refits go through one
+`executor` of `concurrent.futures`: threads by default (`--workers`; processes with
+`--bootstrap`), or the workers of a Dask cluster (`--scheduler tcp://host:port`,
+`bulgefit[cluster]`). Each call sends its data to each worker process once. Work that is lost with a
+process is done again, and since every task runs on one BLAS thread the result is the same to the
+last bit. This is so on machines of one kind with the same versions; a cluster whose workers have
+other versions is refused.
+
+Intervals of the parameters (`--bootstrap N`) come from refits to whole frames drawn with
+replacement, in runs of neighbours. They show what noise and changing misfit do to the parameters,
+not a bias that every frame shares.
 """
+
+
+def sections(text: str) -> dict[str, str]:
+    """The sections of a page by their key, as the comments above them name it."""
+    parts = re.split(r"^<!-- (\w+) -->\n", text, flags=re.MULTILINE)
+    return dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True))
+
+
+def page(found: dict[str, str], order: Iterable[str]) -> str:
+    """The whole page."""
+    head = INTRODUCTION.format(machine=platform.machine(), python=platform.python_version())
+    parts = [f"<!-- {key} -->\n{found[key]}" for key in order if key in found]
+    return "\n\n".join([head.strip(), *parts]) + "\n"
 
 
 def main() -> None:
@@ -306,32 +474,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--only", default="scale,growth,methods")
+    parser.add_argument("--only", default="scale,methods,growth,workers,cases")
     parser.add_argument("--data", type=Path, default=HERE.parent / "shared/data")
     parser.add_argument("--write", type=Path, help="write the page here (default: print it)")
     parser.add_argument("--run", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.run:
-        print(json.dumps(run(json.loads(args.run))))
+        job = json.loads(args.run)
+        print(json.dumps({"run": run, "share": share}[job["task"]](job)))
         return
-    page = INTRODUCTION.format(machine=platform.machine(), python=platform.python_version())
-    lines = [*page.splitlines(), ""]
+    found = {}
+    if args.write is not None and args.write.is_file():
+        found = sections(args.write.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        sections: dict[str, Callable[[], list[str]]] = {
+        known: dict[str, Callable[[], list[str]]] = {
             "scale": lambda: scale(folder),
+            "methods": lambda: methods(folder),
             "growth": lambda: growth(folder),
-            "methods": lambda: methods(folder, args.data),
+            "workers": lambda: workers(folder),
+            "cases": lambda: compared(folder, args.data),
         }
         for key in args.only.split(","):
-            section = sections[key]()
-            print(*section, sep="\n", file=sys.stderr, flush=True)
-            lines += section
-    text = "\n".join(lines).rstrip() + "\n"
+            before = os.getloadavg()[0]
+            found[key] = "\n".join(known[key]()).strip()
+            found[key] += (
+                f"\n\nOther work on the machine: load {before:.1f} on {os.cpu_count()} cores when "
+                "this began."
+            )
+            print(found[key], file=sys.stderr, flush=True)
+            # after each, so that a benchmark that is interrupted leaves what it found
+            if args.write is not None:
+                args.write.write_text(page(found, known), encoding="utf-8")
     if args.write is None:
-        print(text)
-    else:
-        args.write.write_text(text, encoding="utf-8")
+        print(page(found, known))
 
 
 if __name__ == "__main__":
