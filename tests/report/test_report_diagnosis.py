@@ -126,7 +126,12 @@ def replace_groups(found, **changes):
     e = found.explanation
     rounds = [replace(e.rounds[0], taken=None)]
     kept = replace(
-        e, final=e.baseline, groups={}, rounds=rounds, remainder=changes.pop("rest", e.start)
+        e,
+        final=e.baseline,
+        groups={},
+        evidence={},
+        rounds=rounds,
+        remainder=changes.pop("rest", e.start),
     )
     gaps = {
         **found.gaps,

@@ -82,12 +82,12 @@ def advise(data: Sequence[Data], found: Explanation, known: Universe) -> list[Ad
 
 
 def _leading(found: Explanation) -> tuple[str, str] | None:
+    for effect, evidence in found.evidence.items():
+        if evidence.rivals:
+            return effect, evidence.rivals[0]
     rounds = [r for r in found.rounds if len(r.candidates) > 1]
     if not rounds:
         return None
-    for r in reversed(rounds):
-        if r.taken is not None and r.ties:
-            return r.taken.effect, r.ties[0].effect
     last = rounds[-1]
     pick = last.taken.effect if last.taken else last.candidates[0].effect
     others = [c.effect for c in last.candidates if c.effect != pick]

@@ -11,21 +11,25 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import Effect
+from bulgefit.gap.exchange import Evidence, evidence_of, exchanged, without_superfluous
 from bulgefit.gap.regress import Data, Regression, null_of, regress, start_of
+from bulgefit.gap.search import (
+    GAIN,
+    GAIN_PER_PARAMETER,
+    TIE,
+    TIE_SHARE,
+    Candidate,
+    Groups,
+    Run,
+    Search,
+)
 from bulgefit.gap.structure import Structure, structure
 from bulgefit.gap.universe import Universe, all_folds, group_keys, universe
 
-__all__ = ["Candidate", "Explanation", "Round", "explain"]
+__all__ = ["Explanation", "Round", "explain"]
+
 
 Floats = NDArray[np.float64]
-Groups = dict[str, tuple[str, ...]]
-Run = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]
-
-#: Held-out improvement (sum of squares in noise units, correlation allowed for) that an effect
-#: must bring, and more for each of its parameters.
-GAIN, GAIN_PER_PARAMETER = 14.0, 2.5
-#: Effects within this of the best, or within this share of its gain, are not told apart.
-TIE, TIE_SHARE = 8.0, 0.01
 MOST_ROUNDS = 8
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains.
@@ -38,38 +42,12 @@ FIRST_STEPS, FINALISTS, FINAL_SHARE = 1, 4, 0.1
 
 
 @dataclass(eq=False)
-class Candidate:
-    """An effect freed beside what is already in the model.
-
-    Attributes
-    ----------
-    effect : str
-    keys : tuple of str
-        The group that was freed.
-    fit : Regression
-    held_out : float
-        Held-out sum of squares over the inflation.
-    """
-
-    effect: str
-    keys: tuple[str, ...]
-    fit: Regression
-    held_out: float
-
-    @property
-    def score(self) -> float:
-        """Held-out misfit with the cost of its parameters."""
-        return self.held_out + GAIN_PER_PARAMETER * len(self.keys)
-
-
-@dataclass(eq=False)
 class Round:
     """One stepwise addition: everything that was tried, and what was taken."""
 
     before: float
     candidates: list[Candidate]
     taken: Candidate | None
-    ties: list[Candidate]
 
 
 @dataclass(eq=False)
@@ -79,7 +57,10 @@ class Explanation:
     Attributes
     ----------
     baseline, final : Regression
+    known : Universe
+        Sensitivities to everything that could be freed, at the final model.
     groups : dict of effect id to its freed keys
+    evidence : dict of effect id to Evidence
     rounds : list of Round
     remainder : Structure
         Of the final model's residual.
@@ -88,7 +69,9 @@ class Explanation:
 
     baseline: Regression
     final: Regression
+    known: Universe
     groups: dict[str, tuple[str, ...]]
+    evidence: dict[str, Evidence]
     rounds: list[Round]
     start: Structure
     remainder: Structure
@@ -124,7 +107,7 @@ def explain(
         Maps a task over items, in order: an executor's map as a list.
     """
     usable = [e for e in effects if not e.never_separable]
-    search = _Search(data, usable, all_folds(data), say, run)
+    search = Search(data, usable, all_folds(data), say, run)
     current = baseline
     groups: Groups = {}
     start = remainder = structure(data, baseline)
@@ -142,25 +125,24 @@ def explain(
         floor = float(current.count.sum()) / current.inflation
         if found.before - found.taken.held_out < LEAST_SHARE * (found.before - floor):
             break
-    current, groups = _without_superfluous(search, current, groups)
-    return Explanation(baseline, current, groups, rounds, start, structure(data, current))
+    current, groups = without_superfluous(search, current, groups)
+    if len(groups) > 1:
+        current, groups = exchanged(search, current, groups)
+        current = settle(current)
+    known = universe(data, current, usable)
+    return Explanation(
+        baseline,
+        current,
+        known,
+        groups,
+        evidence_of(search, known, current, groups),
+        rounds,
+        start,
+        structure(data, current),
+    )
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """What all rounds share."""
-
-    data: Sequence[Data]
-    effects: Sequence[Effect]
-    folds: Sequence[NDArray[np.int64]]
-    say: Callable[[str], None]
-    run: Run
-
-    def candidate(self, effect: str, keys: tuple[str, ...], fit: Regression) -> Candidate:
-        return Candidate(effect, keys, fit, fit.held_out(self.folds) / fit.inflation)
-
-
-def _round(search: _Search, current: Regression, groups: Groups, *, first: bool) -> Round:
+def _round(search: Search, current: Regression, groups: Groups, *, first: bool) -> Round:
     """Free each effect beside what is in the model; take the one that held-out data pay for."""
     known = universe(search.data, current, search.effects)
     before = current.held_out(search.folds) / current.inflation
@@ -183,7 +165,7 @@ def _round(search: _Search, current: Regression, groups: Groups, *, first: bool)
     tried = search.run(attempt, forecasts if first else forecasts[:LATER_REFITS])
     candidates = sorted((c for c in tried if c is not None), key=lambda c: c.score)
     if not candidates:
-        return Round(before, [], None, [])
+        return Round(before, [], None)
     reach = candidates[0].score + max(2 * TIE, FINAL_SHARE * (before - candidates[0].held_out))
     finalists = [c for c in candidates[:FINALISTS] if c.score <= reach]
     candidates[: len(finalists)] = search.run(finish, finalists)
@@ -192,7 +174,7 @@ def _round(search: _Search, current: Regression, groups: Groups, *, first: bool)
 
 
 def _forecasts(
-    search: _Search, known: Universe, current: Regression
+    search: Search, known: Universe, current: Regression
 ) -> list[tuple[float, str, tuple[str, ...]]]:
     """Score, effect and keys of each effect's best group by one linear step, best first."""
     out = []
@@ -215,23 +197,22 @@ def _forecasts(
 
 
 def _judged(
-    search: _Search, before: float, candidates: list[Candidate], current: Regression
+    search: Search, before: float, candidates: list[Candidate], current: Regression
 ) -> Round:
-    """The best candidate if it pays, in its smallest form; and those not told from it."""
+    """The best candidate if it pays, in its smallest form."""
     best = candidates[0]
     extra_count = len(set(best.fit.keys) - set(current.keys))
     if before - best.held_out < GAIN + GAIN_PER_PARAMETER * extra_count:
-        return Round(before, candidates, None, [])
+        return Round(before, candidates, None)
     candidates[0] = best = _smallest(search, best, current)
     margin = max(TIE, TIE_SHARE * (before - best.held_out))
     ties = [c for c in candidates[1:] if c.score < best.score + margin]
     # the smallest of those that are not told apart stands for them
     taken = min([best, *ties], key=lambda c: len(c.keys))
-    ties = [c for c in [best, *ties] if c is not taken and len(c.keys) <= 2 * len(taken.keys)]
-    return Round(before, candidates, taken, ties)
+    return Round(before, candidates, taken)
 
 
-def _smallest(search: _Search, candidate: Candidate, current: Regression) -> Candidate:
+def _smallest(search: Search, candidate: Candidate, current: Regression) -> Candidate:
     """The candidate with as few stages of its effect as held-out data are content with."""
     (effect,) = (e for e in search.effects if e.id == candidate.effect)
     for group in reversed(effect.groups()):
@@ -277,23 +258,3 @@ def _refit(
         )
     except (SolveError, InputError):
         return None
-
-
-def _without_superfluous(
-    search: _Search, current: Regression, groups: Groups
-) -> tuple[Regression, Groups]:
-    """Drop effects that later ones have made superfluous."""
-    for effect in list(groups)[:-1]:
-        keys = groups[effect]
-        search.say(f"without {effect}")
-        kept = tuple(k for k in current.keys if k not in keys)
-        start = {k: v for k, v in current.values.items() if k not in keys}
-        try:
-            fit = regress(search.data, kept, start, [p.shapes for p in current.predictions])
-        except (SolveError, InputError):
-            continue
-        loss = (fit.held_out(search.folds) - current.held_out(search.folds)) / current.inflation
-        if loss < GAIN + GAIN_PER_PARAMETER * len(keys):
-            current = fit
-            groups = {name: group for name, group in groups.items() if name != effect}
-    return current, groups

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,14 @@ class Universe:
             True,
         )
         return part.held_out(folds)
+
+    def moved(self, changes: Mapping[str, float]) -> Universe:
+        """With parameters changed by so much, to first order; predictions are not moved."""
+        index = [self.keys.index(key) for key in changes]
+        change = np.array(list(changes.values()))
+        pull = self.hessian[:, :, index] @ change
+        square = self.square - 2.0 * self.gradient[:, index] @ change + pull[:, index] @ change
+        return replace(self, gradient=self.gradient - pull, square=square)
 
     def at(self, keys: Sequence[str]) -> list[Prediction]:
         """The predictions with derivatives by `keys` alone."""

@@ -67,8 +67,12 @@ def steps_of(diagnosis: Diagnosis) -> list[Step]:
     """
     found = diagnosis.explanation
     kept = [r.taken for r in found.rounds if r.taken and r.taken.effect in found.groups]
-    fits = [found.baseline, *(taken.fit for taken in kept[:-1]), found.final]
-    return [Step(t.effect, fits[i], fits[i + 1]) for i, t in enumerate(kept)]
+    names = [taken.effect for taken in kept]
+    fits = [found.baseline, *(taken.fit for taken in kept)]
+    # what came by an exchange came last
+    late = [effect for effect in found.groups if effect not in names][:1]
+    fits = [*fits, found.final] if late else [*fits[:-1], found.final]
+    return [Step(name, fits[i], fits[i + 1]) for i, name in enumerate([*names, *late])]
 
 
 def data_of(diagnosis: Diagnosis) -> list[Data]:

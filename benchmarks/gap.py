@@ -1,0 +1,206 @@
+"""Diagnose the measured tests and write what was found to docs/gap.md.
+
+    python benchmarks/gap.py [--data ../shared/data/dic] [--write docs/gap.md] [--report FOLDER]
+
+Each binned field is diagnosed by itself. The profiles
+(the same tests on two lines, at full resolution and every recorded frame) take no part in it: they
+judge the model before and after.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
+
+import argparse
+import json
+import platform
+import sys
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import bulgefit
+from bulgefit.gap.effects import MODULI
+from bulgefit.gap.measure import gap_of, weight_of
+from bulgefit.model.specimen import Specimen
+
+TESTS = (1, 2, 4)
+
+
+def diagnosed(path: Path, profile: Path, report: str | None) -> dict[str, Any]:
+    """The diagnosis of one field, and the gap on its profiles before and after."""
+    found = bulgefit.diagnose(bulgefit.read_test(path), say=_say(path.stem))
+    if report is not None:
+        from bulgefit.report.diagnosis import write_report
+
+        write_report(found, report, force=True)
+    weight = weight_of([p.data for p in found.prepared])
+    limit = max(float(p.data.specimen.recorded.max()) for p in found.prepared)
+    explanation = found.explanation
+    remainder = explanation.remainder
+    return {
+        **found.to_dict(),
+        "profiles": {
+            "before": on_profile(profile, explanation.baseline.values, weight, limit),
+            "after": on_profile(profile, explanation.final.values, weight, limit),
+        },
+        "persistent": remainder.persistent,
+    }
+
+
+def on_profile(
+    path: Path, values: Mapping[str, float], weight: float, limit: float
+) -> dict[str, float]:
+    """Gap of a model on the profiles, up to the highest pressure that was diagnosed."""
+    test = bulgefit.read_test(path)
+    test = test.select(frames=np.flatnonzero((test.pressure <= limit) & (test.pressure > 0)))
+    specimen = Specimen(test, refine=6)
+    residual = specimen.measured - specimen.predict(values).displacement
+    return gap_of([residual], [np.ones(3)], weight)
+
+
+def _say(name: str) -> Any:
+    return lambda what: print(f"{name}: {what}", file=sys.stderr, flush=True)
+
+
+def page(found: Mapping[int, Mapping[str, Any]]) -> str:
+    """All results as Markdown."""
+    parts = [
+        "# The gap of the measured tests",
+        f"Made by `python benchmarks/gap.py`; Python {platform.python_version()}. Gaps are mean "
+        "absolute deviations in mm; e_w weighs dz as the fit's objective does. Held out: cells of "
+        "frames and sectors that the fit did not see. Profiles: other data of the same tests, at "
+        "full resolution, up to the same pressure.",
+        "## Before and after",
+        _table(
+            ["test", "verdict", "held-out e_w", "", "less by", "held-out e", "", "profiles e_w", "",
+             "less by"],
+            [_gap_row(n, d) for n, d in found.items()],
+        ),
+        "## Moduli",
+        _table(
+            ["test", *(f"{m} alone" for m in MODULI), *(f"{m} with causes" for m in MODULI)],
+            [*(_moduli_row(n, d) for n, d in found.items()), _scatter_row(found)],
+        ),
+    ]  # fmt: skip
+    for n, d in found.items():
+        parts += [f"## Test {n}", *_test_parts(d)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _gap_row(n: int, d: Mapping[str, Any]) -> list[str]:
+    held, profiles = d["gap"]["heldout"], d["profiles"]
+
+    def pair(before: float, after: float) -> list[str]:
+        return [f"{before:.3f}", f"{after:.3f}", f"{100 * (1 - after / before):.0f} %"]
+
+    return [
+        f"{n}", d["verdict"],
+        *pair(held["baseline"]["e_w"], held["explained"]["e_w"]),
+        *pair(held["baseline"]["e"], held["explained"]["e"])[:2],
+        *pair(profiles["before"]["e_w"], profiles["after"]["e_w"]),
+    ]  # fmt: skip
+
+
+def _moduli_row(n: int, d: Mapping[str, Any]) -> list[str]:
+    both = (d["parameters"]["baseline"], d["parameters"]["corrected"])
+    return [f"{n}", *(f"{part[m]['value']:.1f}" for part in both for m in MODULI)]
+
+
+def _scatter_row(found: Mapping[int, Mapping[str, Any]]) -> list[str]:
+    """Standard deviation over mean."""
+    out = ["scatter"]
+    for part in ("baseline", "corrected"):
+        for m in MODULI:
+            values = [d["parameters"][part][m]["value"] for d in found.values()]
+            out.append(f"{100 * np.std(values, ddof=1) / np.mean(values):.0f} %")
+    return out
+
+
+def _test_parts(d: Mapping[str, Any]) -> list[str]:
+    noise = d["noise"][0]
+    sigma = ", ".join(f"{1e3 * s:.1f}" for s in noise["sigma_mm"])
+    parts = [
+        f"{d['verdict']}; {d['meta']['seconds']:.0f} s. Noise (dx, dy, dz) {sigma} µm from "
+        f"{noise['source']}; chi {d['gap']['heldout']['baseline']['chi']:.1f} before, "
+        f"{d['gap']['heldout']['explained']['chi']:.1f} after, on held-out data. Of the noise's "
+        f"variance {d['persistent']:.1f} times persists from frame to frame in what is left.",
+        "Where the baseline misses most:",
+        _table(
+            ["component", "region", "bar", "mean, mm", "share"],
+            [
+                [c["component"], c["region"], "{:.2f} to {:.2f}".format(*c["pressure_band_bar"]),
+                 f"{c['mean_mm']:.3f}", f"{100 * c['share']:.1f} %"]
+                for c in sorted(d["where"], key=lambda c: -c["share"])[:6]
+            ],
+        ),
+        "What was taken, each judged on held-out data:",
+        _table(
+            ["step", "effect", "sum of squares before", "after"],
+            [
+                [f"{k + 1}", r["taken"] or "nothing pays", f"{r['heldout_before']:.3g}",
+                 _after(r)]
+                for k, r in enumerate(d["tried"])
+            ],
+        ),
+    ]  # fmt: skip
+    for c in d["causes"]:
+        first = list(c["parameters"].items())[:9]
+        values = ", ".join(
+            f"{k} {v['value']:.4g} ± {v['stderr']:.1g} {v['unit']}" for k, v in first
+        )
+        more = f" and {len(c['parameters']) - 9} more" if len(c["parameters"]) > 9 else ""
+        bound = "; at the edge of what is plausible" if c["at_bound"] else ""
+        parts.append(
+            f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
+            f"Takes {100 * c['heldout_reduction']:.0f} % of the held-out sum of squares."
+        )
+    return parts
+
+
+def _after(found: Mapping[str, Any]) -> str:
+    for c in found["candidates"]:
+        if c["effect"] == found["taken"]:
+            return f"{c['heldout']:.3g}"
+    return "-"
+
+
+def main() -> None:
+    """Run, and write what was found."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=Path("../shared/data/dic"))
+    parser.add_argument("--write", type=Path, help="Markdown file")
+    parser.add_argument("--json", type=Path, help="keep the diagnoses here")
+    parser.add_argument("--report", type=Path, help="draw each diagnosis into a folder of it")
+    parser.add_argument("--workers", type=int, default=2)
+    args = parser.parse_args()
+    with ProcessPoolExecutor(args.workers) as pool:
+        jobs = {
+            n: pool.submit(
+                diagnosed,
+                args.data / f"valmex_test{n}_binned.npz",
+                args.data / f"valmex_test{n}_profiles.npz",
+                None if args.report is None else str(args.report / f"test{n}"),
+            )
+            for n in TESTS
+        }
+        found = {n: job.result() for n, job in jobs.items()}
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    if args.write:
+        args.write.write_text(page(found), encoding="utf-8")
+    print(page(found))
+
+
+if __name__ == "__main__":
+    main()

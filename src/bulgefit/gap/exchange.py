@@ -1,0 +1,179 @@
+"""Does each effect of the final model deserve its place, or would another do as well there?
+
+Stepwise search takes what is best beside what is already there; with more effects in the model,
+an early one may turn out to have stood in for others. The normal equations of everything that
+could be freed, moved to where some effects are at their null, forecast every such exchange without
+a solve; the promising ones are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, combinations
+
+from bulgefit.errors import InputError, SolveError
+from bulgefit.gap.regress import Regression, null_of, regress, start_of
+from bulgefit.gap.search import (
+    GAIN,
+    GAIN_PER_PARAMETER,
+    TIE,
+    TIE_SHARE,
+    Groups,
+    Search,
+)
+from bulgefit.gap.universe import Universe, group_keys, universe
+
+__all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
+
+#: Exchanges that are made at most, and fits that are tried for each.
+MOST_EXCHANGES, MOST_TRIED = 3, 3
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Why an effect stands in the final model.
+
+    Attributes
+    ----------
+    without, held_out : float
+        Held-out sum of squares over the inflation: with the effect at its null and the rest
+        refitted (to first order), and as it is.
+    rivals : tuple of str
+        Effects that do as well in its place.
+    """
+
+    without: float
+    held_out: float
+    rivals: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Exchange:
+    """Effects that leave, the one that comes with its keys, and the forecast score."""
+
+    leaving: tuple[str, ...]
+    effect: str
+    keys: tuple[str, ...]
+    score: float
+
+
+def without_superfluous(
+    search: Search, current: Regression, groups: Groups
+) -> tuple[Regression, Groups]:
+    """Drop effects that later ones have made superfluous."""
+    for effect in list(groups)[:-1]:
+        keys = groups[effect]
+        search.say(f"without {effect}")
+        kept = tuple(k for k in current.keys if k not in keys)
+        start = {k: v for k, v in current.values.items() if k not in keys}
+        try:
+            fit = regress(search.data, kept, start, [p.shapes for p in current.predictions])
+        except (SolveError, InputError):
+            continue
+        loss = (fit.held_out(search.folds) - current.held_out(search.folds)) / current.inflation
+        if loss < GAIN + GAIN_PER_PARAMETER * len(keys):
+            current = fit
+            groups = {name: group for name, group in groups.items() if name != effect}
+    return current, groups
+
+
+def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regression, Groups]:
+    """Put another effect in the place of one or two, while that scores better."""
+    for _ in range(MOST_EXCHANGES):
+        known = universe(search.data, current, search.effects)
+        here = _score(search, current, groups)
+        leaving = chain(combinations(groups, 1), combinations(groups, 2))
+        options = [
+            option
+            for names in leaving
+            for option in _forecasts(search, known, current, groups, names)
+            if option.score < here + TIE
+        ]
+        options.sort(key=lambda option: option.score)
+        fits = (_tried(search, current, groups, option) for option in options[:MOST_TRIED])
+        better = next((f for f in fits if f is not None and _score(search, *f) < here), None)
+        if better is None:
+            break
+        current, groups = better
+    return current, groups
+
+
+def _score(search: Search, fit: Regression, groups: Groups) -> float:
+    """Held-out sum of squares over the inflation, with the cost of the effects' parameters."""
+    count = sum(len(keys) for keys in groups.values())
+    return fit.held_out(search.folds) / fit.inflation + GAIN_PER_PARAMETER * count
+
+
+def _forecasts(
+    search: Search,
+    known: Universe,
+    current: Regression,
+    groups: Groups,
+    leaving: Sequence[str],
+) -> Iterator[_Exchange]:
+    """Every other effect in the place of those that leave, by one linear step."""
+    dropped = [k for name in leaving for k in groups[name]]
+    moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in dropped})
+    rest = [k for k in current.keys if k not in dropped]
+    staying = sum(len(keys) for name, keys in groups.items() if name not in leaving)
+    for effect in search.effects:
+        if effect.id in groups:
+            continue
+        for group in effect.groups():
+            keys = group_keys(group, len(search.data))
+            if not set(keys) <= set(known.keys):
+                break  # out of reach
+            held = moved.held_out([*rest, *keys], search.folds) / current.inflation
+            cost = GAIN_PER_PARAMETER * (staying + len(keys))
+            yield _Exchange(tuple(leaving), effect.id, keys, held + cost)
+
+
+def _tried(
+    search: Search, current: Regression, groups: Groups, option: _Exchange
+) -> tuple[Regression, Groups] | None:
+    """The fit with the exchange made; None where nothing balances."""
+    search.say(f"{option.effect} in the place of {' + '.join(option.leaving)}")
+    dropped = {k for name in option.leaving for k in groups[name]}
+    start = {k: v for k, v in current.values.items() if k not in dropped}
+    start.update({k: start_of(k, search.data) for k in option.keys})
+    keys = (*(k for k in current.keys if k not in dropped), *option.keys)
+    try:
+        fit = regress(search.data, keys, start, [p.shapes for p in current.predictions])
+    except (SolveError, InputError):
+        return None
+    kept = {name: group for name, group in groups.items() if name not in option.leaving}
+    return fit, {**kept, option.effect: option.keys}
+
+
+def evidence_of(
+    search: Search, known: Universe, current: Regression, groups: Groups
+) -> dict[str, Evidence]:
+    """For each effect of the final model: what is lost without it, and what does as well."""
+    held = current.held_out(search.folds) / current.inflation
+    score = _score(search, current, groups)
+    out = {}
+    for name, keys in groups.items():
+        moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
+        rest = [k for k in current.keys if k not in keys]
+        without = moved.held_out(rest, search.folds) / current.inflation
+        margin = max(TIE, TIE_SHARE * (without - held))
+        rivals = []
+        forecasts = _forecasts(search, known, current, groups, (name,))
+        for effect, option in _best_of_each(forecasts).items():
+            # forecasts are linear: those that come near are fitted
+            if option.score > score + 3.0 * margin or len(option.keys) > 2 * len(keys):
+                continue
+            found = _tried(search, current, groups, option)
+            if found is not None and _score(search, *found) < score + margin:
+                rivals.append(effect)
+        out[name] = Evidence(without, held, tuple(rivals))
+    return out
+
+
+def _best_of_each(options: Iterator[_Exchange]) -> dict[str, _Exchange]:
+    best: dict[str, _Exchange] = {}
+    for option in options:
+        if option.effect not in best or option.score < best[option.effect].score:
+            best[option.effect] = option
+    return best
