@@ -174,7 +174,7 @@ LIMIT = """\
 The path is not at 1.5 times its limit. A factor now serves a whole level, at the price of more
 residuals and substitutions, which are cheaper than it: that lowers the limit more than the path.
 When the factor was renewed for every correction (12 factorisations, svk), the path took 2.6 times
-its limit and half as long again in total."""
+its limit (by the band) and half as long again in total."""
 
 
 #: Peers' scripts, and the times that issue 3 asks us to be faster.

@@ -19,7 +19,8 @@ What to choose: nothing for meshes such as the default one. For fine meshes inst
 `bulgefit[pardiso]` (x86-64); from 4,000 free displacements it is then used by itself. Without it,
 banded Cholesky serves up to 30,000 and SuperLU beyond; a path keeps up to five factors, so bands
 of 30,000 displacements take about 0.7 GB. A geometric nested dissection was tried as SuperLU's
-order: its factors have a third more entries than those of minimum degree and take as long."""
+order: its factors have a quarter to a third more entries than those of minimum degree, and take
+as long or longer."""
 
 
 def growth() -> list[str]:
