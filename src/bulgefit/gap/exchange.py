@@ -27,7 +27,9 @@ from bulgefit.gap.universe import Universe, group_keys, universe
 __all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
 
 #: Exchanges that are made at most, and fits that are tried for each.
-MOST_EXCHANGES, MOST_TRIED = 3, 3
+MOST_EXCHANGES, MOST_TRIED = 3, 4
+#: Share of what effects explain by which a linear forecast without them may err.
+LINEAR = 0.02
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,16 @@ class Evidence:
 
 @dataclass(frozen=True)
 class _Exchange:
-    """Effects that leave, the one that comes with its keys, and the forecast score."""
+    """Effects that leave, the one that comes with its keys, and forecasts.
+
+    `score` with it in their place, `without` the held-out sum of squares with nothing there.
+    """
 
     leaving: tuple[str, ...]
     effect: str
     keys: tuple[str, ...]
     score: float
+    without: float
 
 
 def without_superfluous(
@@ -83,20 +89,29 @@ def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regr
     for _ in range(MOST_EXCHANGES):
         known = universe(search.data, current, search.effects)
         here = _score(search, current, groups)
-        leaving = chain(combinations(groups, 1), combinations(groups, 2))
-        options = [
-            option
-            for names in leaving
-            for option in _forecasts(search, known, current, groups, names)
-            if option.score < here + TIE
-        ]
-        options.sort(key=lambda option: option.score)
-        fits = (_tried(search, current, groups, option) for option in options[:MOST_TRIED])
+        options = _promising(search, known, current, groups, here)
+        fits = (_tried(search, current, groups, option) for option in options)
         better = next((f for f in fits if f is not None and _score(search, *f) < here), None)
         if better is None:
             break
         current, groups = better
     return current, groups
+
+
+def _promising(
+    search: Search, known: Universe, current: Regression, groups: Groups, here: float
+) -> list[_Exchange]:
+    """The exchanges worth a fit, best first; one for each effect that comes for one or for two."""
+    best: dict[tuple[str, int], _Exchange] = {}
+    for leaving in chain(combinations(groups, 1), combinations(groups, 2)):
+        for option in _forecasts(search, known, current, groups, leaving):
+            kind = option.effect, len(leaving)
+            # the further effects are from their null, the less a linear forecast is worth
+            slack = max(TIE, LINEAR * (option.without - here))
+            near = option.score < here + slack
+            if near and (kind not in best or option.score < best[kind].score):
+                best[kind] = option
+    return sorted(best.values(), key=lambda option: option.score)[:MOST_TRIED]
 
 
 def _score(search: Search, fit: Regression, groups: Groups) -> float:
@@ -116,6 +131,7 @@ def _forecasts(
     dropped = [k for name in leaving for k in groups[name]]
     moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in dropped})
     rest = [k for k in current.keys if k not in dropped]
+    without = moved.held_out(rest, search.folds) / current.inflation
     staying = sum(len(keys) for name, keys in groups.items() if name not in leaving)
     for effect in search.effects:
         if effect.id in groups:
@@ -126,7 +142,7 @@ def _forecasts(
                 break  # out of reach
             held = moved.held_out([*rest, *keys], search.folds) / current.inflation
             cost = GAIN_PER_PARAMETER * (staying + len(keys))
-            yield _Exchange(tuple(leaving), effect.id, keys, held + cost)
+            yield _Exchange(tuple(leaving), effect.id, keys, held + cost, without)
 
 
 def _tried(

@@ -128,7 +128,7 @@ def explain(
     current, groups = without_superfluous(search, current, groups)
     if len(groups) > 1:
         current, groups = exchanged(search, current, groups)
-        current = settle(current)
+        current, groups = without_superfluous(search, settle(current), groups)
     known = universe(data, current, usable)
     return Explanation(
         baseline,
