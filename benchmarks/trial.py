@@ -36,7 +36,7 @@ def runs(number: int) -> dict[str, dict[str, Any]]:
         "Whole catalogue": {"number": number},
         "True effect struck": {"number": max(1, number // 4), "kinds": [*KNOWN], "strike": True},
         f"Sizes shrunk by up to {SHRINK:g}": {
-            "number": max(1, number // 2),
+            "number": max(1, number // 4),
             "kinds": [*KNOWN],
             "recipe": Recipe(shrink=SHRINK),
         },
