@@ -1,0 +1,81 @@
+"""Forecasts of effects leaving and coming, and an early stand-in that has to go."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.exchange import evidence_of, exchanged
+from bulgefit.gap.regress import Data, Regression, regress
+from bulgefit.gap.search import Search
+from bulgefit.gap.universe import all_folds, universe
+from bulgefit.model.specimen import Specimen
+
+TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0, "pressure_offset.offset": 0.03}
+SIGMA = np.array([0.006, 0.006, 0.012])
+EFFECTS = [CATALOGUE[e] for e in ("pressure_offset", "rigid_motion", "reference_state")]
+SHIFT = tuple(f"rigid_motion.shift_{a}" for a in "xyz")
+
+
+@pytest.fixture(scope="module")
+def data() -> list[Data]:
+    """Made by the model itself: its mesh plays no part here."""
+    side = np.arange(-90.0, 91.0, 9.0)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    inside = np.hypot(x, y) < 94.0
+    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+    pressure = np.linspace(0.01, 0.25, 8)
+    blank = BulgeTest.from_arrays(points, np.zeros((8, len(points), 3)), pressure)
+    truth = Specimen(blank, refine=2).predict(TRUTH).displacement
+    noise = np.random.default_rng(5).normal(size=truth.shape) * SIGMA
+    test = BulgeTest.from_arrays(points, truth + noise, pressure)
+    return [Data(Specimen(test, refine=2), SIGMA, np.ones(truth.shape, dtype=bool))]
+
+
+@pytest.fixture(scope="module")
+def search(data: list[Data]) -> Search:
+    def in_turn(task, items):
+        return [task(item) for item in items]
+
+    return Search(data, EFFECTS, all_folds(data), lambda _: None, in_turn)
+
+
+def fitted(data: list[Data], keys: tuple[str, ...]) -> Regression:
+    return regress(data, (*MODULI, *keys), {**TRUTH, **dict.fromkeys(keys, 0.0)})
+
+
+def test_moving_what_is_linear_is_exact(data: list[Data]) -> None:
+    """A shift of the frame enters linearly: forecasts at another shift are those made there."""
+    here = universe(data, fitted(data, SHIFT), EFFECTS)
+    changes = dict.fromkeys(SHIFT, 0.05)
+    fit = fitted(data, SHIFT)
+    fit.values.update({k: fit.values[k] + 0.05 for k in SHIFT})
+    there = universe(data, fit, EFFECTS)
+    moved = here.moved(changes)
+    folds = all_folds(data)
+    np.testing.assert_allclose(moved.square, there.square, rtol=1e-6)
+    assert moved.held_out((*MODULI, *SHIFT), folds) == pytest.approx(
+        there.held_out((*MODULI, *SHIFT), folds), rel=1e-6
+    )
+
+
+def test_a_stand_in_makes_room(search: Search, data: list[Data]) -> None:
+    """A reference state and a moved frame were taken for what is an offset of pressure."""
+    state = CATALOGUE["reference_state"].groups()[1]
+    groups = {"rigid_motion": CATALOGUE["rigid_motion"].all_keys, "reference_state": state}
+    wrong = fitted(data, tuple(k for keys in groups.values() for k in keys))
+    fit, found = exchanged(search, wrong, groups)
+    assert "pressure_offset" in found
+    assert fit.chi_square < 1.05 * fit.count.sum()
+
+
+def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data]) -> None:
+    keys = ("pressure_offset.offset",)
+    fit = fitted(data, keys)
+    known = universe(data, fit, EFFECTS)
+    (evidence,) = evidence_of(search, known, fit, {"pressure_offset": keys}).values()
+    assert evidence.rivals == ()
+    assert evidence.without > 3 * evidence.held_out
+    assert evidence.held_out == pytest.approx(fit.count.sum(), rel=0.05)
