@@ -15,11 +15,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
+from bulgefit.fem import lapack
 from bulgefit.fem.banded import PANEL, multiply, substitute
 from bulgefit.fem.ordering import narrow_order
 
@@ -147,10 +147,10 @@ class BandedCholesky:
         if shift:
             band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
-        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+        info = lapack.dpbtrf(band)
         if info != 0:
             raise NotPositiveDefiniteError(f"leading minor {info}")
-        result = BandedFactor(factor)
+        result = BandedFactor(band)
         if whole.nbytes <= _REUSED_UP_TO:
             weakref.finalize(result, self._idle.append, whole).atexit = False
         return result
@@ -163,10 +163,10 @@ class BandedCholesky:
         general[2 * below :] = band
         for k in range(1, self._height):
             general[2 * below - k, k:] = band[k, : self.size - k]
-        factor, pivots, info = lapack.dgbtrf(general, below, below, overwrite_ab=1)
+        pivots, info = lapack.dgbtrf(general, below)
         if info != 0:
             raise NotPositiveDefiniteError(f"zero pivot {info}")
-        return BandedLUFactor(factor, pivots, below)
+        return BandedLUFactor(general, pivots, below)
 
     def multiply(self, data: Floats, columns: Floats) -> Floats:
         """The tangent times columns (N, k)."""
@@ -184,10 +184,8 @@ class BandedLUFactor:
 
     def solve(self, right: Floats) -> Floats:
         """Solution for right-hand sides (N,) or (N, k)."""
-        columns = right[:, None] if right.ndim == 1 else right
-        solution, info = lapack.dgbtrs(self._band, self._below, self._below, columns, self._pivots)
-        if info != 0:
-            raise ValueError(f"dgbtrs: argument {-info}")
+        solution = np.array(right.T, ndmin=2, order="C").T
+        lapack.dgbtrs(self._band, self._below, self._pivots, solution)
         return solution[:, 0] if right.ndim == 1 else solution
 
 
@@ -203,7 +201,7 @@ class BandedFactor:
         if self._columns.shape[1] >= PANEL:
             substitute(self._columns, solution)
         else:
-            solution = lapack.dpbtrs(self._columns.T, solution.T, lower=1)[0].T
+            lapack.dpbtrs(self._columns.T, solution.T)
         return solution[0] if right.ndim == 1 else solution.T
 
 
