@@ -22,6 +22,7 @@ from bulgefit.gap.search import (
     Groups,
     Search,
 )
+from bulgefit.gap.structure import structure
 from bulgefit.gap.universe import Universe, group_keys, universe
 
 __all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
@@ -67,8 +68,13 @@ class _Exchange:
 def without_superfluous(
     search: Search, current: Regression, groups: Groups
 ) -> tuple[Regression, Groups]:
-    """Drop effects that later ones have made superfluous."""
-    for effect in list(groups)[:-1]:
+    """Drop effects that others have made superfluous, the most flexible first.
+
+    Those whose loss held-out data do not mind, or leaves nothing that noise could not have made.
+    """
+    for effect in sorted(groups, key=lambda name: -len(groups[name])):
+        if len(groups) == 1:
+            break
         keys = groups[effect]
         search.say(f"without {effect}")
         kept = tuple(k for k in current.keys if k not in keys)
@@ -78,7 +84,10 @@ def without_superfluous(
         except (SolveError, InputError):
             continue
         loss = (fit.held_out(search.folds) - current.held_out(search.folds)) / current.inflation
-        if loss < GAIN + GAIN_PER_PARAMETER * len(keys):
+        if (
+            loss < GAIN + GAIN_PER_PARAMETER * len(keys)
+            or not structure(search.data, fit).significant
+        ):
             current = fit
             groups = {name: group for name, group in groups.items() if name != effect}
     return current, groups
