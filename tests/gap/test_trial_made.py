@@ -240,6 +240,8 @@ def test_window_at_the_rim_leaves_out_what_is_beyond():
     shapes = Shapes(nodes, even, nodes, 0.0 * even)
     found = made_camera._displacement(shapes, np.array([[96.0, 0.0]]), 10.0, 100.0)
     np.testing.assert_allclose(found, 1.0)
+    inner = made_camera._displacement(shapes, np.array([[50.0, 0.0]]), 10.0, 100.0)
+    np.testing.assert_allclose(inner, 1.0)
 
 
 def test_interpolation_is_far_better_than_the_noise():

@@ -148,7 +148,8 @@ def _window_at_rim(points: Floats, window: float, radius: float) -> tuple[Floats
         steps = (np.arange(_RIM_ANGLES) + 0.5) / _RIM_ANGLES
         angle = outwards[:, None, None] + cut[..., None] + 2 * (np.pi - cut)[..., None] * steps
         direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        offsets.append((ring[..., None, None] * direction).reshape(len(points), -1, 2))
+        around = _RIM_RADII * _RIM_ANGLES
+        offsets.append((ring[..., None, None] * direction).reshape(len(points), around, 2))
         weights.append(np.repeat(share / _RIM_ANGLES, _RIM_ANGLES, axis=1))
     return np.concatenate(offsets, axis=1), np.concatenate(weights, axis=1)
 
