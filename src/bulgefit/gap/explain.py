@@ -152,12 +152,12 @@ def _round(search: Search, current: Regression, groups: Groups, *, first: bool) 
         _, effect, keys = item
         search.say(f"{' + '.join([*groups, effect])} ({len(keys)} parameters)")
         fit = _refit(search.data, current, [k for k in keys if k not in current.keys], known)
-        return None if fit is None else search.candidate(effect, keys, fit)
+        return None if fit is None else search.candidate(effect, keys, fit, realised=False)
 
     def finish(candidate: Candidate) -> Candidate:
         fit = candidate.fit
         if fit.converged:
-            return candidate
+            return search.candidate(candidate.effect, candidate.keys, fit)
         search.say(f"{' + '.join([*groups, candidate.effect])}, to the end")
         fit = regress(search.data, fit.keys, fit.values, [p.shapes for p in fit.predictions])
         return search.candidate(candidate.effect, candidate.keys, fit)
@@ -170,6 +170,11 @@ def _round(search: Search, current: Regression, groups: Groups, *, first: bool) 
     finalists = [c for c in candidates[:FINALISTS] if c.score <= reach]
     candidates[: len(finalists)] = search.run(finish, finalists)
     candidates.sort(key=lambda c: c.score)
+    finished = {c.effect for c in finalists}
+    while candidates[0].effect not in finished:  # a forecast that now leads
+        finished.add(candidates[0].effect)
+        candidates[0] = finish(candidates[0])
+        candidates.sort(key=lambda c: c.score)
     return _judged(search, before, candidates, current)
 
 

@@ -138,20 +138,31 @@ class Regression:
         """Of the freed parameters."""
         return dict(zip(self.keys, np.sqrt(np.diag(self.covariance())), strict=True))
 
-    def held_out(self, folds: Sequence[NDArray[np.int64]]) -> float:
-        """Sum of squared residuals of each fold under the fit without it."""
-        return sum(self.held_out_of(fold) for fold in folds)
+    def held_out(self, folds: Sequence[NDArray[np.int64]], *, realised: bool = True) -> float:
+        """Sum of squared residuals of each fold under the fit without it.
 
-    def held_out_of(self, fold: NDArray[np.int64]) -> float:
-        """Sum of squared residuals of one fold under the fit without it."""
-        step = self.step_without(fold)
+        A fit that stopped short of its optimum, or at a bound, is judged where it stands: only
+        what leaving the fold out changes is added. A forecast (`realised` false) is judged where
+        the linear step would take it.
+        """
+        return sum(self._held_out_of(fold, realised) for fold in folds)
+
+    def _held_out_of(self, fold: NDArray[np.int64], realised: bool) -> float:
+        step = self.step_without(fold) if realised else self._step(self._others(fold))
         h, g = self.hessian[fold].sum(axis=0), self.gradient[fold].sum(axis=0)
         return float(self.square[fold].sum() - 2 * step @ g + step @ h @ step)
 
     def step_without(self, fold: NDArray[np.int64]) -> Floats:
         """Change of the parameters when a fold is left out."""
+        return self._step(self._others(fold)) - self._step(np.ones(len(self.square), dtype=bool))
+
+    def _others(self, fold: NDArray[np.int64]) -> NDArray[np.bool_]:
         kept = np.ones(len(self.square), dtype=bool)
         kept[fold] = False
+        return kept
+
+    def _step(self, kept: NDArray[np.bool_]) -> Floats:
+        """Linear step to the optimum of some cells."""
         h = self.hessian[kept].sum(axis=0)
         scale = _scales(h)
         return scale * (
@@ -290,7 +301,9 @@ def regress(
         gained = -np.inf
         try:
             there = _predict(data, keys, trial, [p.shapes for p in predictions])
-            if not _destabilised(predictions, there):
+            if _destabilised(predictions, there):
+                _hold_shear(bounds, keys, values)
+            else:
                 new = normal_equations(data, there, keys)
                 gained = float(current[2].sum() - new[2].sum())
         except (SolveError, InputError):
@@ -310,6 +323,12 @@ def regress(
 
 def _relaxed(damping: float) -> float:
     return damping / _FIRMER if damping > _LEAST_DAMPING else 0.0
+
+
+def _hold_shear(bounds: Floats, keys: Sequence[str], values: Mapping[str, float]) -> None:
+    """Let G12 fall no further: soft shear is what stability is lost by."""
+    if "G12" in keys:
+        bounds[keys.index("G12"), 0] = values["G12"]
 
 
 def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> bool:

@@ -70,5 +70,9 @@ class Search:
     say: Callable[[str], None]
     run: Run
 
-    def candidate(self, effect: str, keys: tuple[str, ...], fit: Regression) -> Candidate:
-        return Candidate(effect, keys, fit, fit.held_out(self.folds) / fit.inflation)
+    def candidate(
+        self, effect: str, keys: tuple[str, ...], fit: Regression, *, realised: bool = True
+    ) -> Candidate:
+        """Judge a fit; after first steps alone by where the next would take it."""
+        held_out = fit.held_out(self.folds, realised=realised) / fit.inflation
+        return Candidate(effect, keys, fit, held_out)

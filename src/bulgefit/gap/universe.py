@@ -62,7 +62,7 @@ class Universe:
             1.0,
             True,
         )
-        return part.held_out(folds)
+        return part.held_out(folds, realised=False)
 
     def moved(self, changes: Mapping[str, float]) -> Universe:
         """With parameters changed by so much, to first order; predictions are not moved."""
