@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from bulgefit.gap.regress import Data, Regression
 
-__all__ = ["Mode", "azimuthal_modes"]
+__all__ = ["Mode", "azimuthal_modes", "growth_shapes"]
 
 Floats = NDArray[np.float64]
 
 ORDERS = (0, 1, 2, 3, 4)
+#: Share of an amplitude's sum of squares that the law it follows may miss.
+FOLLOWED = 0.3
 _NAMES = ("radial", "hoop", "dz")
 
 
@@ -32,7 +34,7 @@ class Mode:
         Of the residual's mode at the annulus 0.3 to 0.9 of the radius, signed along the mode's
         mean direction.
     growth : str
-        "constant", "p^(1/3)" or "growing".
+        "constant", "p^(1/3)", "growing", "mixed" where none of them follows, or "within noise".
     noise : float, mm
         Standard error of an amplitude.
     """
@@ -102,13 +104,19 @@ def _amplitudes(field: Floats, angle: Floats) -> list[Floats]:
     return pairs
 
 
+def growth_shapes(bars: Floats) -> dict[str, Floats]:
+    """How an amplitude may go with pressure."""
+    return {"constant": np.ones_like(bars), "p^(1/3)": np.cbrt(bars), "growing": bars}
+
+
 def _growth(bars: Floats, amplitude: Floats, error: float) -> str:
-    """Which of constant, p^(1/3) or a line through zero follows the amplitude best."""
+    """Which of constant, p^(1/3) or a line through zero the amplitude follows; or none of them."""
     if np.abs(amplitude).max() < 3.0 * error:
         return "within noise"
-    shapes = {"constant": np.ones_like(bars), "p^(1/3)": np.cbrt(bars), "growing": bars}
     misfit = {
         name: float(((amplitude - shape * (shape @ amplitude) / (shape @ shape)) ** 2).sum())
-        for name, shape in shapes.items()
+        for name, shape in growth_shapes(bars).items()
     }
-    return min(misfit, key=lambda name: misfit[name])
+    best = min(misfit, key=lambda name: misfit[name])
+    missed = misfit[best] - len(bars) * error**2
+    return best if missed < FOLLOWED * float(amplitude @ amplitude) else "mixed"

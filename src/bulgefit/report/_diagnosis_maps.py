@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.locate import Mode, azimuthal_modes
+from bulgefit.gap.locate import Mode, azimuthal_modes, growth_shapes
 from bulgefit.gap.structure import RINGS, SECTORS, Cell, cells_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
@@ -172,7 +172,7 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
             markerfacecolor="none" if quiet else colour, linestyle="none",
             label=f"m = {mode.order}: {mode.growth}",
         )  # fmt: skip
-        if not quiet:
+        if not quiet and mode.growth != "mixed":
             bars = np.linspace(0.0, float(mode.pressure.max()), 60)
             panel.plot(bars, _law(mode, bars), color=colour, linewidth=1.2)
     panel.legend(
@@ -182,9 +182,5 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
 
 
 def _law(mode: Mode, bars: NDArray[np.float64]) -> NDArray[np.float64]:
-    def shape(p: NDArray[np.float64]) -> NDArray[np.float64]:
-        laws = {"constant": np.ones_like(p), "p^(1/3)": np.cbrt(p), "growing": p}
-        return laws[mode.growth]
-
-    own = shape(mode.pressure)
-    return shape(bars) * (own @ mode.amplitude) / (own @ own)
+    own, shown = (growth_shapes(p)[mode.growth] for p in (mode.pressure, bars))
+    return np.asarray(shown * (own @ mode.amplitude) / (own @ own))

@@ -325,6 +325,7 @@ def _growth(growth: str) -> str:
         "constant": "constant in pressure",
         "p^(1/3)": "growing like the bulge itself, as p^(1/3)",
         "growing": "growing in proportion to pressure",
+        "mixed": "changing with pressure in no simple way",
     }[growth]
 
 

@@ -1,0 +1,53 @@
+"""Azimuthal modes of a residual that is known: which order, how large, how it grows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.locate import Mode, azimuthal_modes
+from bulgefit.gap.regress import Data, Regression
+from bulgefit.model.specimen import Prediction, Specimen
+
+BARS = np.linspace(0.1, 2.5, 12)
+GROWTH = {
+    "constant": np.ones_like(BARS),
+    "p^(1/3)": np.cbrt(BARS),
+    "growing": BARS,
+    "mixed": np.cos(4 * BARS),
+}
+
+
+def modes(dz: np.ndarray, points: np.ndarray) -> dict[tuple[str, int], Mode]:
+    """Of a test whose model is at rest: the displacement is the residual."""
+    displacement = np.zeros((*dz.shape, 3))
+    displacement[..., 2] = dz
+    test = BulgeTest.from_arrays(points, displacement, BARS / 10)
+    data = Data(Specimen(test, refine=2), np.full(3, 0.01), np.ones(displacement.shape, dtype=bool))
+    at_rest = Prediction(np.zeros(displacement.shape), np.zeros((0, *displacement.shape)), None)
+    none = np.zeros(0)
+    fit = Regression((), {}, none, none, none, none, [at_rest], 1.0, converged=True)
+    return {(m.component, m.order): m for m in azimuthal_modes([data], fit)}
+
+
+@pytest.fixture(scope="module")
+def points() -> np.ndarray:
+    side = np.arange(-95.0, 96.0, 5.0)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    inside = np.hypot(x, y) < 95.0
+    return np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+
+
+@pytest.mark.parametrize("growth", GROWTH)
+@pytest.mark.parametrize("order", [0, 1, 3])
+def test_a_mode_and_how_it_grows(points: np.ndarray, growth: str, order: int) -> None:
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    wave = 0.2 * np.cos(order * (angle - 0.4))
+    found = modes(GROWTH[growth][:, None] * wave, points)
+    mode = found["dz", order]
+    assert mode.growth == growth
+    size = 0.2 * np.abs(GROWTH[growth])
+    np.testing.assert_allclose(np.abs(mode.amplitude), size, rtol=0.02, atol=1e-3)
+    others = [m for (_, n), m in found.items() if n != order]
+    assert {m.growth for m in others} == {"within noise"}
