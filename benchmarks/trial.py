@@ -1,7 +1,7 @@
 """The blind trial: does the diagnosis find effects that it is not told?
 
     python benchmarks/trial.py [--number 200] [--seed 0] [--workers 2] [--folder FOLDER]
-                               [--write docs/trial_results.md]
+                               [--write docs/trial_results.md] [--score]
 
 Three runs: whole catalogue; the true effect struck from it; sizes shrunk to find what is just
 detectable. The tests of a run depend on its seed and number alone.
@@ -24,7 +24,7 @@ from typing import Any
 from bulgefit.gap.made_draws import KNOWN
 from bulgefit.gap.made_tests import Recipe
 from bulgefit.gap.scoring import report
-from bulgefit.gap.trial import run_trial
+from bulgefit.gap.trial import run_trial, score_folder
 
 #: Sizes of the third run are divided by up to this.
 SHRINK = 30.0
@@ -54,13 +54,18 @@ def page(results: dict[str, dict[str, Any]]) -> str:
         meta = result["meta"]
         parts += [
             f"## {title}",
-            f"{meta['number']} tests, seed {meta['seed']}, {meta['seconds'] / 60:.0f} minutes.",
+            f"{_count(meta)}, seed {meta['seed']}, {meta['seconds'] / 60:.0f} minutes.",
             f"```\n{report(result['scores'])}\n```",
         ]
         wrong = [t for t in result["tests"] if not t["right"]]
         if wrong:
             parts += ["Not right:", "\n".join(_line(t) for t in wrong)]
     return "\n\n".join(parts) + "\n"
+
+
+def _count(meta: dict[str, Any]) -> str:
+    answered, number = meta["answered"], meta["number"]
+    return f"{number} tests" if answered == number else f"The first {answered} of {number} tests"
 
 
 def _line(test: dict[str, Any]) -> str:
@@ -78,8 +83,21 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--folder", type=Path, help="keep tests, truths and answers here")
+    parser.add_argument(
+        "--score", action="store_true", help="only score what the folder's runs have answered"
+    )
     parser.add_argument("--write", type=Path, help="Markdown file for the tables")
     args = parser.parse_args()
+    if args.score:
+        results = {
+            title: score_folder(folder)
+            for place, title in enumerate(runs(args.number))
+            if any((folder := args.folder / f"run{place + 1}").glob("answers/*.json"))
+        }
+        if args.write:
+            args.write.write_text(page(results), encoding="utf-8")
+        print(page(results))
+        return
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
         results = {}

@@ -15,7 +15,7 @@ from bulgefit.errors import InputError
 from bulgefit.gap import trial
 from bulgefit.gap.made_draws import FOREIGN, KNOWN
 from bulgefit.gap.made_tests import Recipe
-from bulgefit.gap.trial import plan, run_trial
+from bulgefit.gap.trial import plan, run_trial, score_folder
 
 SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
 
@@ -128,6 +128,25 @@ def test_same_seed_same_tests_in_fresh_processes(tmp_path):
     answer = json.loads((tmp_path / "b" / "answers" / "test_0001.json").read_text())
     assert answer["given"]["process"] != os.getpid()
     assert answer["given"]["source"].endswith("test_0001.npz")
+
+
+@pytest.mark.parametrize("strike", [False, True])
+def test_an_interrupted_trial_can_be_scored(tmp_path, strike):
+    whole = small(tmp_path, 4, kinds=["clamp_slip", "none"], strike=strike)
+    folder = tmp_path / "trial"
+    again = score_folder(folder)
+    assert again["scores"] == whole["scores"]
+    assert again["tests"] == whole["tests"]
+    (folder / "answers" / "test_0002.json").unlink()
+    part = score_folder(folder)
+    assert part["meta"]["answered"] == 3
+    assert part["meta"]["number"] == 4
+    assert part["tests"] == [t for t in whole["tests"] if t["file"] != "test_0002.npz"]
+
+
+def test_only_the_folder_of_a_trial_is_scored(tmp_path):
+    with pytest.raises(InputError, match="not the folder of a trial"):
+        score_folder(tmp_path)
 
 
 def test_refuses_a_folder_that_holds_something(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
 from bulgefit.errors import InputError
@@ -67,6 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="tests, sealed truths and answers go here; empty, or made",
     )
+    group.add_argument(
+        "--score",
+        action="store_true",
+        help="only score the answers that the folder holds, of a trial that was interrupted",
+    )
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)
     _common.add_json_arguments(parser)
@@ -83,9 +88,10 @@ def run(args: argparse.Namespace) -> int:
     workers = _common.workers_from(args)
 
     from bulgefit.gap.made_tests import Recipe
-    from bulgefit.gap.scoring import report
-    from bulgefit.gap.trial import run_trial
+    from bulgefit.gap.trial import run_trial, score_folder
 
+    if args.score:
+        return _told(args, score_folder(args.output))
     _common.announce_kernels(args)
     elsewhere: AbstractContextManager[Executor | None] = nullcontext()
     if args.scheduler is not None:
@@ -102,6 +108,13 @@ def run(args: argparse.Namespace) -> int:
             executor=executor,
             say=lambda line: _common.progress(args, line),
         )
+    return _told(args, result)
+
+
+def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
+    """Write and print a result."""
+    from bulgefit.gap.scoring import report
+
     result["meta"]["versions"] = _common.versions()
     if args.json is not None:
         _common.write_json(result, args.json, args.force)

@@ -32,7 +32,7 @@ from bulgefit.spread import spread
 from bulgefit.threads import one_blas_thread
 from bulgefit.workers import open_executor
 
-__all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "seal"]
+__all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "score_folder", "seal"]
 
 Diagnose = Callable[..., Any]
 
@@ -100,8 +100,8 @@ def run_trial(
 ) -> dict[str, Any]:
     """Make tests, seal their truth, diagnose them blind, open and score.
 
-    The folder gets `tests/*.npz`, `sealed/*.json`, `seals.txt` (as sha256sum writes it) and
-    `answers/*.json`.
+    The folder gets `trial.json` (what was asked), `tests/*.npz`, `sealed/*.json`, `seals.txt` (as
+    sha256sum writes it) and `answers/*.json`.
 
     Parameters
     ----------
@@ -140,6 +140,14 @@ def run_trial(
     chosen = plan(number, seed, kinds)
     folder = _folder(output)
     recipe = recipe or Recipe()
+    asked = {
+        "number": number,
+        "seed": seed,
+        "kinds": list(kinds) if kinds else None,
+        "strike": strike,
+        "shrink": recipe.shrink,
+    }
+    atomic_write_text(folder / "trial.json", json.dumps(asked, indent=2) + "\n")
     with _pool(makers, workers) as pool:
         jobs = [(str(folder), i, kind, seed, recipe) for i, kind in enumerate(chosen)]
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
@@ -148,28 +156,70 @@ def run_trial(
     struck = {name: effects if strike else [] for name, _, effects in made}
     with _pool(executor, workers) as pool:
         answers = _answers(pool, folder, struck, dict(options or {}), diagnose, say)
+    return _scored(folder, asked, seals, answers, time.perf_counter() - start)
+
+
+def score_folder(output: str | Path) -> dict[str, Any]:
+    """Score the answers that a folder holds: of a trial that was interrupted, say.
+
+    Parameters
+    ----------
+    output : path
+        The folder of `run_trial`.
+
+    Returns
+    -------
+    dict
+        As `run_trial`, over the tests that were answered; `meta` says how many.
+
+    Raises
+    ------
+    InputError
+        Not a trial's folder, no answers, or a broken seal.
+    """
+    folder = Path(output)
+    try:
+        asked = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
+        lines = (folder / "seals.txt").read_text(encoding="utf-8").split()
+        found = {path.stem: path for path in sorted((folder / "answers").glob("*.json"))}
+        answers = {name: json.loads(p.read_text(encoding="utf-8")) for name, p in found.items()}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder}: not the folder of a trial ({error})") from error
+    seals = {Path(name).stem: digest for digest, name in zip(lines[::2], lines[1::2], strict=True)}
+    answered = {name: digest for name, digest in seals.items() if name in answers}
+    if not answered:
+        raise InputError(f"{folder}: no test is answered yet")
+    seconds = sum(answer["seconds"] for answer in answers.values())
+    return _scored(folder, asked, answered, answers, seconds)
+
+
+def _scored(
+    folder: Path,
+    asked: Mapping[str, Any],
+    seals: Mapping[str, str],
+    answers: Mapping[str, dict[str, Any]],
+    seconds: float,
+) -> dict[str, Any]:
+    """Open the truths of sealed tests and score their answers."""
+    truths = {name: _opened(folder, name, digest) for name, digest in seals.items()}
     records = [
         {
             "file": f"{name}.npz",
-            "truth": _opened(folder, name, digest),
+            "truth": truth,
             "answer": answers[name],
-            "struck": struck[name],
+            "struck": _catalogued(truth) if asked["strike"] else [],
         }
-        for name, digest in seals.items()
+        for name, truth in truths.items()
     ]
     return {
         "scores": score(records),
         "tests": [judge(record) for record in records],
-        "meta": {
-            "number": number,
-            "seed": seed,
-            "kinds": list(kinds) if kinds else None,
-            "strike": strike,
-            "shrink": recipe.shrink,
-            "seals": seals,
-            "seconds": time.perf_counter() - start,
-        },
+        "meta": {**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
     }
+
+
+def _catalogued(truth: Mapping[str, Any]) -> list[str]:
+    return [effect for effect in truth["effects"] if effect in KNOWN]
 
 
 def diagnose_file(
@@ -216,7 +266,7 @@ def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, li
     text = json.dumps(made.truth, indent=2, sort_keys=True) + "\n"
     write_test(made.test, Path(folder) / "tests" / f"{name}.npz")
     atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text)
-    return name, seal(text), [e for e in made.truth["effects"] if e in KNOWN]
+    return name, seal(text), _catalogued(made.truth)
 
 
 def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict[str, Any]:
