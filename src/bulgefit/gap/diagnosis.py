@@ -34,6 +34,9 @@ from bulgefit.threads import one_blas_thread
 
 __all__ = ["Cause", "Diagnosis", "diagnose"]
 
+#: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
+#: they stand in for is then unknown.
+MOST_NAMED = 3
 #: Where the baseline starts: a coated fabric with stiff shear, which is stable everywhere.
 START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
 
@@ -57,7 +60,7 @@ class Cause:
     bias_if_omitted : dict
         Relative error of each modulus when the effect is left out.
     partial : bool
-        True where significant structure is left beside it.
+        True where significant structure is left beside it, or too many others are needed.
     """
 
     effect: str
@@ -285,11 +288,16 @@ def _few_frames(data: Data) -> Data:
 
 
 def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
-    if found.remainder.significant:
+    if _is_partial(found):
         return "unknown"
     if not causes:
         return "none"
     return "ambiguous" if any(c.alternatives for c in causes) else "named"
+
+
+def _is_partial(found: Explanation) -> bool:
+    """Whether the effects do not explain the gap: they leave structure, or are a pile."""
+    return found.remainder.significant or len(found.groups) > MOST_NAMED
 
 
 def _causes(found: Explanation, data: Sequence[Data]) -> list[Cause]:
@@ -328,7 +336,7 @@ def _cause(
         share_of_gap=float(np.clip(gained / excess, 0.0, 1.0)),
         heldout_reduction=float(gained / evidence.without),
         bias_if_omitted=_bias(found.final, keys, data),
-        partial=found.remainder.significant,
+        partial=_is_partial(found),
     )
 
 

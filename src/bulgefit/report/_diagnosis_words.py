@@ -180,6 +180,11 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
+    if not diagnosis.explanation.remainder.significant:
+        return (
+            f"It takes {len(causes)} effects to come down to the noise, and so many can imitate "
+            f"anything: {named} help, but what they stand in for is not known."
+        )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
 
