@@ -34,7 +34,7 @@ TESTS = (1, 2, 4)
 
 def diagnosed(path: Path, profile: Path, report: str | None) -> dict[str, Any]:
     """The diagnosis of one field, and the gap on its profiles before and after."""
-    found = bulgefit.diagnose(bulgefit.read_test(path), say=_say(path.stem))
+    found = bulgefit.diagnose(bulgefit.read_test(path), thorough=True, say=_say(path.stem))
     if report is not None:
         from bulgefit.report.diagnosis import write_report
 

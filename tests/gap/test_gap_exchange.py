@@ -75,7 +75,7 @@ def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data])
     keys = ("pressure_offset.offset",)
     fit = fitted(data, keys)
     known = universe(data, fit, EFFECTS)
-    (evidence,) = evidence_of(search, known, fit, {"pressure_offset": keys}).values()
+    (evidence,) = evidence_of(search, known, fit, {"pressure_offset": keys}, rivals=True).values()
     assert evidence.rivals == ()
     assert evidence.without > 3 * evidence.held_out
     assert evidence.held_out == pytest.approx(fit.count.sum(), rel=0.05)

@@ -48,6 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="effects to try (default: the whole catalogue; an unknown name lists it)",
     )
     group.add_argument(
+        "--thorough",
+        action="store_true",
+        help="add up to eight effects instead of four, and try reference states as fine as 40 mm: "
+        "minutes instead of seconds, for tests with several causes",
+    )
+    group.add_argument(
         "--holdout",
         metavar="TEST",
         help="a test that takes no part in the diagnosis: what specimens share comes from the "
@@ -107,6 +113,7 @@ def run(args: argparse.Namespace) -> int:
             holdout=holdout,
             effects=effects,
             law=args.law,
+            thorough=args.thorough,
             seed=args.seed,
             workers=workers,
             say=progress.say,

@@ -34,9 +34,6 @@ from bulgefit.threads import one_blas_thread
 
 __all__ = ["Cause", "Diagnosis", "diagnose"]
 
-#: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
-#: they stand in for is then unknown.
-MOST_NAMED = 3
 #: Where the baseline starts: a coated fabric with stiff shear, which is stable everywhere.
 START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
 
@@ -180,6 +177,7 @@ def diagnose(
     holdout: BulgeTest | None = None,
     effects: Iterable[str] | None = None,
     law: str = "hencky",
+    thorough: bool = False,
     seed: int = 0,
     workers: int = 1,
     say: Callable[[str], None] = lambda _: None,
@@ -196,6 +194,9 @@ def diagnose(
     effects : iterable of str, optional
         Candidates; default: the whole catalogue.
     law : {"hencky", "svk"}
+    thorough : bool
+        Add up to eight effects instead of four, and try reference states as fine as 40 mm:
+        minutes instead of seconds, for tests with several causes.
     seed : int
         Kept for the record; the search draws nothing at random.
     workers : int
@@ -229,6 +230,7 @@ def diagnose(
             lambda fit: settle(prepared, fit),
             say,
             lambda task, items: list(pool.map(task, items)),
+            thorough=thorough,
         )
         known = found.known
         say("held-out gap")
@@ -288,16 +290,11 @@ def _few_frames(data: Data) -> Data:
 
 
 def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
-    if _is_partial(found):
+    if found.partial:
         return "unknown"
     if not causes:
         return "none"
     return "ambiguous" if any(c.alternatives for c in causes) else "named"
-
-
-def _is_partial(found: Explanation) -> bool:
-    """Whether the effects do not explain the gap: they leave structure, or are a pile."""
-    return found.remainder.significant or len(found.groups) > MOST_NAMED
 
 
 def _causes(found: Explanation, data: Sequence[Data]) -> list[Cause]:
@@ -336,7 +333,7 @@ def _cause(
         share_of_gap=float(np.clip(gained / excess, 0.0, 1.0)),
         heldout_reduction=float(gained / evidence.without),
         bias_if_omitted=_bias(found.final, keys, data),
-        partial=_is_partial(found),
+        partial=found.partial,
     )
 
 

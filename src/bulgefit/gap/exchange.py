@@ -23,7 +23,7 @@ from bulgefit.gap.search import (
     Search,
 )
 from bulgefit.gap.structure import structure
-from bulgefit.gap.universe import Universe, group_keys, universe
+from bulgefit.gap.universe import Universe, group_keys
 
 __all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
 
@@ -96,7 +96,7 @@ def without_superfluous(
 def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regression, Groups]:
     """Put another effect in the place of one or two, while that scores better."""
     for _ in range(MOST_EXCHANGES):
-        known = universe(search.data, current, search.effects)
+        known = search.universe(current)
         here = _score(search, current, groups)
         options = _promising(search, known, current, groups, here)
         fits = (_tried(search, current, groups, option) for option in options)
@@ -172,9 +172,13 @@ def _tried(
 
 
 def evidence_of(
-    search: Search, known: Universe, current: Regression, groups: Groups
+    search: Search, known: Universe, current: Regression, groups: Groups, *, rivals: bool
 ) -> dict[str, Evidence]:
-    """For each effect of the final model: what is lost without it, and what does as well."""
+    """For each effect of the final model: what is lost without it, and what does as well.
+
+    Rivals are looked for where asked: beside effects that explain a gap only in part, they would
+    say nothing.
+    """
     held = current.held_out(search.folds) / current.inflation
     score = _score(search, current, groups)
     out = {}
@@ -183,16 +187,16 @@ def evidence_of(
         rest = [k for k in current.keys if k not in keys]
         without = moved.held_out(rest, search.folds) / current.inflation
         margin = max(TIE, TIE_SHARE * (without - held))
-        rivals = []
-        forecasts = _forecasts(search, known, current, groups, (name,))
+        as_good = []
+        forecasts = _forecasts(search, known, current, groups, (name,)) if rivals else iter(())
         for effect, option in _best_of_each(forecasts).items():
             # forecasts are linear: those that come near are fitted
             if option.score > score + 3.0 * margin or len(option.keys) > 2 * len(keys):
                 continue
             found = _tried(search, current, groups, option)
             if found is not None and _score(search, *found) < score + margin:
-                rivals.append(effect)
-        out[name] = Evidence(without, held, tuple(rivals))
+                as_good.append(effect)
+        out[name] = Evidence(without, held, tuple(as_good))
     return out
 
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import Effect
@@ -24,21 +21,23 @@ from bulgefit.gap.search import (
     Search,
 )
 from bulgefit.gap.structure import Structure, structure
-from bulgefit.gap.universe import Universe, all_folds, group_keys, universe
+from bulgefit.gap.universe import Universe, all_folds, group_keys
 
 __all__ = ["Explanation", "Round", "explain"]
 
-
-Floats = NDArray[np.float64]
-MOST_ROUNDS = 8
+#: Effects that are added at most, also in a thorough search.
+MOST_ROUNDS, MOST_THOROUGH = 4, 8
+#: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
+#: they stand in for is then unknown.
+MOST_NAMED = 3
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains.
 LEAST_SHARE = 0.1
 #: Refits in the later rounds, best first by the linear forecast.
 LATER_REFITS = 5
-#: Steps that every candidate gets; the best are then fitted to the end, at most so many, if their
-#: score came within this share of the best one's gain.
-FIRST_STEPS, FINALISTS, FINAL_SHARE = 1, 4, 0.1
+#: Steps that every candidate gets; the best are then fitted to the end (or so many steps), at most
+#: so many, if their score came within this share of the best one's gain.
+FIRST_STEPS, LAST_STEPS, FINALISTS, FINAL_SHARE = 1, 8, 4, 0.1
 
 
 @dataclass(eq=False)
@@ -64,7 +63,8 @@ class Explanation:
     rounds : list of Round
     remainder : Structure
         Of the final model's residual.
-    skipped : dict of effect id to why
+    partial : bool
+        The effects do not explain the gap: they leave structure, or are more than `MOST_NAMED`.
     """
 
     baseline: Regression
@@ -75,7 +75,7 @@ class Explanation:
     rounds: list[Round]
     start: Structure
     remainder: Structure
-    skipped: dict[str, str] = field(default_factory=dict)
+    partial: bool
 
 
 def _in_turn(task: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -89,6 +89,8 @@ def explain(
     settle: Callable[[Regression], Regression] = lambda fit: fit,
     say: Callable[[str], None] = lambda _: None,
     run: Run = _in_turn,
+    *,
+    thorough: bool = False,
 ) -> Explanation:
     """Add effects one at a time while held-out data pay for them.
 
@@ -105,14 +107,16 @@ def explain(
         Told what is being tried.
     run : callable
         Maps a task over items, in order: an executor's map as a list.
+    thorough : bool
+        Add up to `MOST_THOROUGH` effects, and try the finest stages of flexible ones.
     """
     usable = [e for e in effects if not e.never_separable]
-    search = Search(data, usable, all_folds(data), say, run)
+    search = Search(data, usable, all_folds(data), say, run, thorough)
     current = baseline
     groups: Groups = {}
     start = remainder = structure(data, baseline)
     rounds: list[Round] = []
-    for number in range(MOST_ROUNDS):
+    for number in range(MOST_THOROUGH if thorough else MOST_ROUNDS):
         if not remainder.significant:
             break
         found = _round(search, current, groups, first=number == 0)
@@ -125,26 +129,31 @@ def explain(
         floor = float(current.count.sum()) / current.inflation
         if found.before - found.taken.held_out < LEAST_SHARE * (found.before - floor):
             break
-    current, groups = without_superfluous(search, current, groups)
-    if len(groups) > 1:
+    # what explains a gap in part only is not worth the time that weighing it against others takes
+    if thorough or not remainder.significant:
+        current, groups = without_superfluous(search, current, groups)
+    if 1 < len(groups) <= MOST_ROUNDS and not remainder.significant:
         current, groups = exchanged(search, current, groups)
         current, groups = without_superfluous(search, settle(current), groups)
-    known = universe(data, current, usable)
+    known = search.universe(current)
+    remainder = structure(data, current)
+    partial = remainder.significant or len(groups) > MOST_NAMED
     return Explanation(
         baseline,
         current,
         known,
         groups,
-        evidence_of(search, known, current, groups),
+        evidence_of(search, known, current, groups, rivals=not partial),
         rounds,
         start,
-        structure(data, current),
+        remainder,
+        partial,
     )
 
 
 def _round(search: Search, current: Regression, groups: Groups, *, first: bool) -> Round:
     """Free each effect beside what is in the model; take the one that held-out data pay for."""
-    known = universe(search.data, current, search.effects)
+    known = search.universe(current)
     before = current.held_out(search.folds) / current.inflation
     forecasts = _forecasts(search, known, current)
 
@@ -159,7 +168,8 @@ def _round(search: Search, current: Regression, groups: Groups, *, first: bool) 
         if fit.converged:
             return search.candidate(candidate.effect, candidate.keys, fit)
         search.say(f"{' + '.join([*groups, candidate.effect])}, to the end")
-        fit = regress(search.data, fit.keys, fit.values, [p.shapes for p in fit.predictions])
+        near = [p.shapes for p in fit.predictions]
+        fit = regress(search.data, fit.keys, fit.values, near, iterations=LAST_STEPS)
         return search.candidate(candidate.effect, candidate.keys, fit)
 
     tried = search.run(attempt, forecasts if first else forecasts[:LATER_REFITS])

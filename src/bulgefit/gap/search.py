@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.gap.effects import Effect
 from bulgefit.gap.regress import Data, Regression
+from bulgefit.gap.universe import Universe, universe
 
 __all__ = [
     "GAIN",
@@ -62,13 +63,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What all rounds share."""
+    """What all rounds share; `thorough` searches try the finest stages of flexible effects."""
 
     data: Sequence[Data]
     effects: Sequence[Effect]
     folds: Sequence[NDArray[np.int64]]
     say: Callable[[str], None]
     run: Run
+    thorough: bool = False
 
     def candidate(
         self, effect: str, keys: tuple[str, ...], fit: Regression, *, realised: bool = True
@@ -76,3 +78,7 @@ class Search:
         """Judge a fit; after first steps alone by where the next would take it."""
         held_out = fit.held_out(self.folds, realised=realised) / fit.inflation
         return Candidate(effect, keys, fit, held_out)
+
+    def universe(self, fit: Regression) -> Universe:
+        """Normal equations of everything that could be freed at a fit."""
+        return universe(self.data, fit, self.effects, fine=self.thorough)

@@ -103,10 +103,15 @@ def group_keys(names: Iterable[str], count: int) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -> Universe:
-    """Normal equations at a fit, by everything that could be freed."""
+def universe(
+    data: Sequence[Data], fit: Regression, effects: Sequence[Effect], *, fine: bool = False
+) -> Universe:
+    """Normal equations at a fit, by everything that could be freed.
+
+    With `fine` also by the finest stages, where most of what is left is constant in pressure.
+    """
     usable = [e for e in effects if not e.never_separable]
-    constant = is_constant(data, fit)
+    constant = fine and is_constant(data, fit)
     names = [n for e in usable for n in e.within_reach(freed(e, fit.keys), constant=constant)[-1]]
     keys = tuple(dict.fromkeys([*fit.keys, *group_keys([*MODULI, *names], len(data))]))
     predictions = []
