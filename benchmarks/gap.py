@@ -1,6 +1,7 @@
 """Diagnose the measured tests and write what was found to docs/gap.md.
 
     python benchmarks/gap.py [--data ../shared/data/dic] [--write docs/gap.md] [--report FOLDER]
+                             [--thorough]
 
 Each binned field is diagnosed by itself. The profiles
 (the same tests on two lines, at full resolution and every recorded frame) take no part in it: they
@@ -32,9 +33,9 @@ from bulgefit.model.specimen import Specimen
 TESTS = (1, 2, 4)
 
 
-def diagnosed(path: Path, profile: Path, report: str | None) -> dict[str, Any]:
+def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> dict[str, Any]:
     """The diagnosis of one field, and the gap on its profiles before and after."""
-    found = bulgefit.diagnose(bulgefit.read_test(path), thorough=True, say=_say(path.stem))
+    found = bulgefit.diagnose(bulgefit.read_test(path), thorough=thorough, say=_say(path.stem))
     if report is not None:
         from bulgefit.report.diagnosis import write_report
 
@@ -182,6 +183,7 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="Markdown file")
     parser.add_argument("--json", type=Path, help="keep the diagnoses here")
     parser.add_argument("--report", type=Path, help="draw each diagnosis into a folder of it")
+    parser.add_argument("--thorough", action="store_true", help="up to eight effects a test")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     with ProcessPoolExecutor(args.workers) as pool:
@@ -191,6 +193,7 @@ def main() -> None:
                 args.data / f"valmex_test{n}_binned.npz",
                 args.data / f"valmex_test{n}_profiles.npz",
                 None if args.report is None else str(args.report / f"test{n}"),
+                args.thorough,
             )
             for n in TESTS
         }
