@@ -8,17 +8,29 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import socket
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, as_completed
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from bulgefit.errors import BulgefitError
 
 __all__ = ["spread"]
+
+#: Seconds without a result after which a scheduler is asked whether it is still there.
+SILENCE = 3.0
 
 #: Rounds after which work that is lost again and again is given up.
 ROUNDS = 3
@@ -76,14 +88,19 @@ def _results(
                 futures[executor.submit(_run, task, handle, item)] = index
         except BrokenExecutor:
             pass  # what was not taken is left for the next round
-        for future in as_completed(futures):
-            try:
-                result = future.result()
-            except (BrokenExecutor, CancelledError):
-                continue
-            except Exception as error:
-                raise _told(error) from error
-            yield futures[future], result
+        waiting = set(futures)
+        while waiting:
+            finished, waiting = wait(waiting, SILENCE, FIRST_COMPLETED)
+            if not finished and not _is_there(executor):
+                break  # nobody is left who would finish or cancel them
+            for future in finished:
+                try:
+                    result = future.result()
+                except (BrokenExecutor, CancelledError):
+                    continue
+                except Exception as error:
+                    raise _told(error) from error
+                yield futures[future], result
     finally:
         for future in futures:
             future.cancel()
@@ -106,7 +123,7 @@ def _told(error: Exception) -> Exception:
 def _renew(executor: Executor) -> None:
     """Make the executor ready for another round, or say why it cannot be."""
     client = _client_of(executor)
-    if client is not None and client.status == "running":
+    if client is not None and _is_there(executor):
         return  # the cluster has other workers, or starts new ones
     if client is not None:
         raise BulgefitError("the cluster's scheduler was lost; start it and run this again")
@@ -117,6 +134,26 @@ def _renew(executor: Executor) -> None:
             "again with fewer workers"
         )
     renew()
+
+
+def _is_there(executor: Executor) -> bool:
+    """Whether the scheduler of a cluster still answers; a client may not notice that it does not.
+
+    Executors of this machine cancel what they lose.
+    """
+    client = _client_of(executor)
+    if client is None:
+        return True
+    if client.status != "running":
+        return False
+    place = urlsplit(client.scheduler.address)
+    if place.scheme not in ("tcp", "tls"):
+        return True
+    try:
+        with socket.create_connection((place.hostname, place.port), SILENCE):
+            return True
+    except OSError:
+        return False
 
 
 def _client_of(executor: Executor) -> Any:

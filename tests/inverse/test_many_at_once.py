@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -193,6 +194,7 @@ class Losing(Executor):
 
     def __init__(self, times: int) -> None:
         self.times, self.status, self._client = times, "running", self
+        self.scheduler = SimpleNamespace(address="inproc://here")
 
     def scatter(self, values: list[Any], **_: Any) -> list[Any]:
         self.times -= 1
@@ -206,6 +208,18 @@ class Losing(Executor):
             future.cancel()
             future.set_running_or_notify_cancel()
         return future
+
+
+def test_a_client_that_does_not_notice_its_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its futures are never finished and never cancelled, and it says that it runs."""
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    monkeypatch.setattr("bulgefit.spread.SILENCE", 0.1)
+    deaf = Losing(0)
+    deaf.scheduler = SimpleNamespace(address=f"tcp://127.0.0.1:{port}")
+    monkeypatch.setattr(deaf, "submit", lambda *_: Future())
+    with pytest.raises(BulgefitError, match="the cluster's scheduler was lost"):
+        spread(deaf, who, None, range(3))
 
 
 def test_data_that_a_cluster_lost_are_sent_again(tmp_path: Path) -> None:
