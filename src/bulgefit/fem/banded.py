@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import compiled
+from bulgefit.fem.jit import compiled, inlined
 
 __all__ = ["PANEL", "multiply", "substitute"]
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 PANEL = 4
 
 
-@compiled
+@inlined
 def _forward(column: Floats, j: int, y: Floats) -> None:
     """Unknowns j to j + 3 of L y' = y, and what they take from the rows below."""
     n, height = column.shape
@@ -39,7 +39,7 @@ def _forward(column: Floats, j: int, y: Floats) -> None:
             y[i] -= column[j + m, i - j - m] * y[j + m]
 
 
-@compiled
+@inlined
 def _backward(column: Floats, j: int, y: Floats) -> None:
     """Unknowns j to j + 3 of Lᵀ y' = y, from those below."""
     n, height = column.shape

@@ -16,7 +16,7 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "inlined"]
 
 #: What goes into compiled functions of other files.
 _SHARED = ("jit.py", "geometry.py", "laws.py", "kernels.py")
@@ -66,3 +66,13 @@ def _announced(load: Callable[..., Any]) -> Callable[..., Any]:
 def _announce() -> None:
     """Tell the user what takes so long, once."""
     print("bulgefit: compiling kernels, once per machine (about 10 s)", file=sys.stderr)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Make `function` part of the compiled function that calls it.
+
+    Called as a function of its own, LLVM may or may not merge it into its caller, and does so
+    otherwise when it has just compiled both than when it takes them from the cache: with sums that
+    may be reordered, a first run would then differ from later ones in the last bits.
+    """
+    return njit(inline="always", **_OPTIONS)(function)
