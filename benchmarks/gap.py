@@ -164,7 +164,8 @@ def _test_parts(d: Mapping[str, Any]) -> list[str]:
         bound = "; at the edge of what is plausible" if c["at_bound"] else ""
         parts.append(
             f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
-            f"Takes {100 * c['heldout_reduction']:.0f} % of the held-out sum of squares."
+            f"Takes {100 * c['heldout_reduction']:.0f} % of the held-out sum of squares, to first "
+            "order."
         )
     return parts
 
