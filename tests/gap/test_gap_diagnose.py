@@ -113,11 +113,12 @@ def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:
     assert offset.skipped == {"creep": "the test has no time"}
 
 
-def test_a_specimen_that_was_kept_out_is_met() -> None:
+@pytest.mark.parametrize("static", [True, False])
+def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     """Moduli from one specimen; the other's own offset from half of its frames."""
     found = diagnose(
         made({"pressure_offset.offset": 0.03}),
-        holdout=made({"pressure_offset.offset": -0.02}),
+        holdout=made({"pressure_offset.offset": -0.02}, static=static, frames=10),
         effects=CANDIDATES,
     )
     kept = found.holdout

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.measure import Gap, gap_of, noise_gap
-from bulgefit.gap.prepare import Prepared, prepare, settle
+from bulgefit.gap.prepare import Prepared, drop_outliers, prepare, renew
 from bulgefit.gap.regress import Data, Regression, own_key, regress, start_of
 
 __all__ = ["HeldOutTest", "judge_held_out"]
@@ -71,27 +72,31 @@ def judge_held_out(test: BulgeTest, found: Explanation, law: str, weight: float)
         The others' material does not carry this test's pressures.
     """
     prepared = prepare(test, law)
-    data = prepared.data
-    every_second = np.argsort(np.argsort(data.specimen.recorded, kind="stable")) % 2 == 0
-    measured = data.used
-    data.used = measured & every_second[:, None, None]
+    recorded = prepared.data.specimen.recorded
+    every_second = np.argsort(np.argsort(recorded, kind="stable")) % 2 == 0
 
-    alone = _fitted(prepared, {m: found.baseline.values[m] for m in MODULI}, ())
+    alone = _fitted(prepared, {m: found.baseline.values[m] for m in MODULI}, (), every_second)
+    drop_outliers(prepared, alone.predictions[0].displacement)
     shared, own = _divided(found.final)
-    full = _fitted(prepared, shared, own)
+    full = _fitted(prepared, shared, own, every_second)
     errors = full.standard_errors() if own else {}
 
-    data.used = measured & ~every_second[:, None, None]
-    bars = 10.0 * data.specimen.recorded
+    judged = _frames_of(prepared.data, ~every_second)
     return HeldOutTest(
         test.name,
-        bars[every_second].tolist(),
-        bars[~every_second].tolist(),
-        _gap(data, alone, weight),
-        _gap(data, full, weight),
-        noise_gap([data], weight),
+        (10.0 * recorded[every_second]).tolist(),
+        (10.0 * recorded[~every_second]).tolist(),
+        _gap(judged, alone, weight),
+        _gap(judged, full, weight),
+        noise_gap([judged], weight),
         {key: {"value": float(full.values[key]), "stderr": float(errors[key])} for key in own},
     )
+
+
+def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
+    """The same with some frames alone in use."""
+    used = data.used & frames[:, None, None]
+    return Data(data.specimen, data.sigma, used, data.inflation, data.persistent)
 
 
 def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:
@@ -110,12 +115,20 @@ def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:
     return shared, tuple(own)
 
 
-def _fitted(prepared: Prepared, fixed: dict[str, float], own: Sequence[str]) -> Regression:
-    """The specimen's own parameters fitted, and again with mesh and noise as they are there."""
-    data = [prepared.data]
+def _fitted(
+    prepared: Prepared, fixed: dict[str, float], own: Sequence[str], frames: NDArray[np.bool_]
+) -> Regression:
+    """The specimen's own parameters fitted to some frames, and again with the mesh's error off.
+
+    Noise is no part of the fit: it comes from all frames.
+    """
     prepared.data.specimen.correction = None
-    start = {**fixed, **{name: start_of(name, data) for name in own}}
-    return settle([prepared], regress(data, own, start))
+    start = {**fixed, **{name: start_of(name, [prepared.data]) for name in own}}
+    fit = regress([_frames_of(prepared.data, frames)], own, start)
+    renew(prepared, fit.predictions[0])
+    return regress(
+        [_frames_of(prepared.data, frames)], own, fit.values, [p.shapes for p in fit.predictions]
+    )
 
 
 def _gap(data: Data, fit: Regression, weight: float) -> Gap:

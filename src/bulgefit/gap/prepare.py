@@ -12,13 +12,14 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
 from bulgefit.gap.regress import Data, Regression, regress
-from bulgefit.model.specimen import Shapes, Specimen
+from bulgefit.model.specimen import Prediction, Shapes, Specimen
 
 __all__ = [
     "Prepared",
     "correct_discretisation",
     "drop_outliers",
     "prepare",
+    "renew",
     "renew_noise",
     "settle",
 ]
@@ -176,13 +177,19 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
 
 
+def renew(prepared: Prepared, prediction: Prediction) -> None:
+    """The mesh's error and the noise as they are at a fit's prediction."""
+    specimen = prepared.data.specimen
+    try:
+        correct_discretisation(prepared, prediction.shapes)
+    except SolveError:
+        specimen.correction = None
+    renew_noise(prepared, specimen.observe(prediction.shapes).displacement)
+
+
 def settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
     """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
     for p, prediction in zip(prepared, fit.predictions, strict=True):
-        try:
-            correct_discretisation(p, prediction.shapes)
-        except SolveError:
-            p.data.specimen.correction = None
-        renew_noise(p, p.data.specimen.observe(prediction.shapes).displacement)
+        renew(p, prediction)
     shapes = [p.shapes for p in fit.predictions]
     return regress([p.data for p in prepared], fit.keys, fit.values, shapes)
