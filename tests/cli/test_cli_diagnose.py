@@ -116,6 +116,8 @@ def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
         ("good.npz: exists; use --force", ["--json", "good.npz"]),
         ("nowhere does not exist", ["--json", "nowhere/gap.json"]),
         ("good.npz is a file; name a folder", ["--report", "good.npz"]),
+        ("--holdout good.npz: is among the tests", ["--holdout", "good.npz"]),
+        ("other.npz", ["--holdout", "other.npz"]),
     ],
 )
 def test_refused_before_the_work(folder, untouched, capsys, message, words):
@@ -144,6 +146,25 @@ def test_every_known_effect_is_listed(folder, untouched, capsys):
 def test_too_little_to_judge(folder, capsys, message, options):
     np.savez("few.npz", **arrays(**options))
     refused(capsys, message, "few.npz")
+
+
+def test_a_held_out_test_is_met(folder, capsys):
+    np.savez("other.npz", **{**arrays(), "displacement": arrays()["displacement"] + [0.3, 0, 0]})
+    words = ["diagnose", "good.npz", *EFFECTS, "--workers", "1", "--holdout", "other.npz"]
+    assert main([*words, "--json", "gap.json", "--quiet"]) == 0
+    assert "other took no part" in " ".join(capsys.readouterr().out.split())
+    kept = json.loads((folder / "gap.json").read_text())["holdout"]
+    assert kept["parameters"]["rigid_motion.shift_x"]["value"] == pytest.approx(0.5, abs=0.01)
+    assert kept["explained"]["e_w"] < 0.1 * kept["baseline"]["e_w"]
+
+
+def test_a_held_out_test_that_is_too_small_is_refused_at_once(folder, capsys, monkeypatch):
+    import bulgefit.gap.diagnosis
+
+    few = arrays(frames=3)
+    np.savez("few.npz", **few)
+    monkeypatch.setattr(bulgefit.gap.diagnosis, "explain", lambda *_, **__: pytest.fail("began"))
+    refused(capsys, "few: 3 usable frames are too few", "good.npz", "--holdout", "few.npz")
 
 
 def test_unknown_law(folder, capsys):

@@ -6,7 +6,6 @@ import json
 import socket
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
@@ -43,16 +42,6 @@ def tests_made(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
             poisson_ratio=0.24,
         )
     return files
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
-    """Address of a local Dask scheduler with two worker processes."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as found:
-        yield found.scheduler_address
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:

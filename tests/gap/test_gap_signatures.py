@@ -29,7 +29,7 @@ def known() -> Universe:
     names = [n for e in EFFECTS for n in e.groups()[0]]
     prediction = specimen.predict(VALUES, [*MODULI, *names])
     h, g, square, _ = normal_equations([data], [prediction], (*MODULI, *names))
-    return Universe((*MODULI, *names), h, g, square, [prediction], VALUES)
+    return Universe((*MODULI, *names), h, g, square, [prediction])
 
 
 @pytest.mark.parametrize(

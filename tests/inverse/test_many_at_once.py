@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -67,16 +67,6 @@ def die(data: None, item: int) -> None:
 
 def refuse(data: None, item: int) -> None:
     raise InputError(f"item {item} is refused")
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
-    """Address of a local Dask scheduler with two worker processes."""
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as found:
-        yield found.scheduler_address
 
 
 def test_threads_share_the_data_themselves(tmp_path: Path) -> None:

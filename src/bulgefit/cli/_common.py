@@ -105,9 +105,8 @@ def material_from(args: argparse.Namespace, poisson_ratio: float = USUAL_POISSON
     return material(kind, **given)
 
 
-def add_solver_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --law, --mesh, --refine, --no-relaxation and --linear-solver."""
-    group = parser.add_argument_group("solver")
+def add_law_argument(group: argparse._ArgumentGroup) -> None:
+    """Add --law."""
     group.add_argument(
         "--law",
         default="hencky",
@@ -115,6 +114,12 @@ def add_solver_arguments(parser: argparse.ArgumentParser) -> None:
         help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
         "(svk) (default: hencky)",
     )
+
+
+def add_solver_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --law, --mesh, --refine, --no-relaxation and --linear-solver."""
+    group = parser.add_argument_group("solver")
+    add_law_argument(group)
     group.add_argument(
         "--mesh",
         metavar="FILE.npz",

@@ -65,13 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAR",
         help="leave frames above this pressure (bar) out (default: all frames)",
     )
-    group.add_argument(
-        "--law",
-        default="hencky",
-        metavar="LAW",
-        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
-        "(svk) (default: hencky)",
-    )
+    _common.add_law_argument(group)
     group.add_argument(
         "--seed",
         type=int,

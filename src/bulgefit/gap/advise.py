@@ -13,7 +13,6 @@ from bulgefit.errors import BulgefitError
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.regress import Data
-from bulgefit.gap.universe import Universe
 from bulgefit.model.specimen import Specimen
 
 __all__ = ["Advice", "advise"]
@@ -43,7 +42,7 @@ class Advice:
     between: tuple[str, str]
 
 
-def advise(data: Sequence[Data], found: Explanation, known: Universe) -> list[Advice]:
+def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     """Measurements ranked by the separation that the sensitivities predict.
 
     The leading ambiguity is the last effect taken against its closest rival; without one, the

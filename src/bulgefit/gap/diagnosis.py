@@ -27,7 +27,6 @@ from bulgefit.gap.prepare import (
 )
 from bulgefit.gap.regress import Data, Regression, bounds_of, null_of, regress
 from bulgefit.gap.separate import Pair, indistinguishable
-from bulgefit.gap.universe import Universe
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.specimen import Specimen
 from bulgefit.threads import one_blas_thread
@@ -80,8 +79,6 @@ class Diagnosis:
     causes : list of Cause
     prepared : list of Prepared
     explanation : Explanation
-    known : Universe
-        Sensitivities at the final model.
     gaps : dict
         "baseline", "explained", "heldout_baseline", "heldout_explained", "noise_floor".
     modes : list of Mode
@@ -97,7 +94,6 @@ class Diagnosis:
     causes: list[Cause]
     prepared: list[Prepared]
     explanation: Explanation
-    known: Universe
     gaps: dict[str, Gap]
     modes: list[Mode]
     pairs: list[Pair]
@@ -220,6 +216,7 @@ def diagnose(
     skipped = {} if has_time else {"creep": "the test has no time"}
     with one_blas_thread(), ThreadPoolExecutor(max_workers=workers) as pool:
         prepared = [prepare(test, law) for test in given]
+        kept_out = None if holdout is None else prepare(holdout, law)
         data = [p.data for p in prepared]
         say("baseline: the moduli alone")
         baseline = _baseline(prepared)
@@ -232,7 +229,6 @@ def diagnose(
             lambda task, items: list(pool.map(task, items)),
             thorough=thorough,
         )
-        known = found.known
         say("held-out gap")
         weight = weight_of(data)
         gaps = {
@@ -242,20 +238,20 @@ def diagnose(
             "heldout_explained": held_out_gap(data, found.final, weight),
             "noise_floor": noise_gap(data, weight),
         }
-        pairs = indistinguishable(known)
+        pairs = indistinguishable(found.known)
         if any(e.never_separable for e in candidates):
             pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
         causes = _causes(found, data)
-        advice = advise(data, found, known)
-        if holdout is not None:
-            say(f"held-out test {holdout.name}")
-            kept_out = judge_held_out(holdout, found, law, weight)
+        advice = advise(data, found)
+        met = None
+        if kept_out is not None:
+            say("held-out test")
+            met = judge_held_out(kept_out, found, weight)
     return Diagnosis(
         verdict=_verdict(found, causes),
         causes=causes,
         prepared=prepared,
         explanation=found,
-        known=known,
         gaps=gaps,
         modes=azimuthal_modes(data, baseline),
         pairs=pairs,
@@ -264,7 +260,7 @@ def diagnose(
         tests=given,
         seed=seed,
         seconds=time.perf_counter() - began,
-        holdout=None if holdout is None else kept_out,
+        holdout=met,
         warnings=_warnings(prepared),
     )
 

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.measure import Gap, gap_of, noise_gap
-from bulgefit.gap.prepare import Prepared, drop_outliers, prepare, renew
+from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Data, Regression, own_key, regress, start_of
 
 __all__ = ["HeldOutTest", "judge_held_out"]
@@ -52,26 +51,22 @@ class HeldOutTest:
         return dict(vars(self))
 
 
-def judge_held_out(test: BulgeTest, found: Explanation, law: str, weight: float) -> HeldOutTest:
+def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> HeldOutTest:
     """Meet a kept-out specimen with what was found on the others.
 
     Parameters
     ----------
-    test : BulgeTest
+    prepared : Prepared
     found : Explanation
         Of the others.
-    law : str
     weight : float
         Of dz in e_w.
 
     Raises
     ------
-    InputError
-        Too few points or frames.
     SolveError
         The others' material does not carry this test's pressures.
     """
-    prepared = prepare(test, law)
     recorded = prepared.data.specimen.recorded
     every_second = np.argsort(np.argsort(recorded, kind="stable")) % 2 == 0
 
@@ -83,7 +78,7 @@ def judge_held_out(test: BulgeTest, found: Explanation, law: str, weight: float)
 
     judged = _frames_of(prepared.data, ~every_second)
     return HeldOutTest(
-        test.name,
+        prepared.data.specimen.test.name,
         (10.0 * recorded[every_second]).tolist(),
         (10.0 * recorded[~every_second]).tolist(),
         _gap(judged, alone, weight),

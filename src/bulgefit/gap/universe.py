@@ -20,7 +20,7 @@ from bulgefit.gap.regress import (
 )
 from bulgefit.model.specimen import Prediction
 
-__all__ = ["Universe", "all_folds", "effect_of", "freed", "group_keys", "is_constant", "universe"]
+__all__ = ["Universe", "all_folds", "effect_of", "group_keys", "universe"]
 
 Floats = NDArray[np.float64]
 
@@ -37,8 +37,6 @@ class Universe:
     square : (cells,) array
     predictions : list of Prediction
         With derivatives by all keys that are the specimen's.
-    values : dict
-        Of the fit.
     """
 
     keys: tuple[str, ...]
@@ -46,7 +44,6 @@ class Universe:
     gradient: Floats
     square: Floats
     predictions: list[Prediction]
-    values: dict[str, float]
 
     def held_out(self, keys: Sequence[str], folds: Sequence[NDArray[np.int64]]) -> float:
         """Forecast of the held-out sum of squares with `keys` freed, by one linear step."""
@@ -111,18 +108,18 @@ def universe(
     With `fine` also by the finest stages, where most of what is left is constant in pressure.
     """
     usable = [e for e in effects if not e.never_separable]
-    constant = fine and is_constant(data, fit)
-    names = [n for e in usable for n in e.within_reach(freed(e, fit.keys), constant=constant)[-1]]
+    constant = fine and _is_constant(data, fit)
+    names = [n for e in usable for n in e.within_reach(_freed(e, fit.keys), constant=constant)[-1]]
     keys = tuple(dict.fromkeys([*fit.keys, *group_keys([*MODULI, *names], len(data))]))
     predictions = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
         wanted, _ = names_of(keys, index, len(data) > 1)
         predictions.append(d.specimen.predict(specimen_values(fit.values, index), wanted, p.shapes))
     h, g, square, _ = normal_equations(data, predictions, keys)
-    return Universe(keys, h, g, square, predictions, dict(fit.values))
+    return Universe(keys, h, g, square, predictions)
 
 
-def is_constant(data: Sequence[Data], fit: Regression) -> bool:
+def _is_constant(data: Sequence[Data], fit: Regression) -> bool:
     """Whether most of the residual is the same in every frame."""
     same, whole = 0.0, 0.0
     for d, p in zip(data, fit.predictions, strict=True):
@@ -133,7 +130,7 @@ def is_constant(data: Sequence[Data], fit: Regression) -> bool:
     return same > 0.5 * whole
 
 
-def freed(effect: Effect, keys: Sequence[str]) -> int:
+def _freed(effect: Effect, keys: Sequence[str]) -> int:
     """How many of an effect's parameters are among the keys."""
     bare = {key.partition("@")[0] for key in keys}
     return sum(name in bare for name in effect.all_keys)

@@ -24,7 +24,7 @@ def plot_cosines(diagnosis: Diagnosis, path: Path, *, force: bool) -> bool:
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
-    names, cosine = cosine_matrix(diagnosis.known)
+    names, cosine = cosine_matrix(diagnosis.explanation.known)
     count = len(names)
     if count < 2:
         return False
