@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.data import Data
 from bulgefit.gap.locate import Mode, azimuthal_modes
-from bulgefit.gap.regress import Data, Regression
+from bulgefit.gap.normal import normal_equations
+from bulgefit.gap.regress import Regression
 from bulgefit.model.specimen import Prediction, Specimen
 
 BARS = np.linspace(0.1, 2.5, 12)
@@ -26,8 +28,8 @@ def modes(dz: np.ndarray, points: np.ndarray) -> dict[tuple[str, int], Mode]:
     test = BulgeTest.from_arrays(points, displacement, BARS / 10)
     data = Data(Specimen(test, refine=2), np.full(3, 0.01), np.ones(displacement.shape, dtype=bool))
     at_rest = Prediction(np.zeros(displacement.shape), np.zeros((0, *displacement.shape)), None)
-    none = np.zeros(0)
-    fit = Regression((), {}, none, none, none, none, [at_rest], 1.0, converged=True)
+    normal = normal_equations([data], [at_rest], ())
+    fit = Regression((), {}, normal, [at_rest], [None], 1.0, converged=True)
     return {(m.component, m.order): m for m in azimuthal_modes([data], fit)}
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.regress import Data, normal_equations
+from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.separate import cosine_matrix, norms_left
 from bulgefit.gap.universe import Universe
 from bulgefit.model.specimen import Specimen
@@ -28,8 +29,9 @@ def known() -> Universe:
     data = Data(specimen, np.array([0.006, 0.006, 0.013]), np.ones((14, len(points), 3), bool))
     names = [n for e in EFFECTS for n in e.groups()[0]]
     prediction = specimen.predict(VALUES, [*MODULI, *names])
-    h, g, square, _ = normal_equations([data], [prediction], (*MODULI, *names))
-    return Universe((*MODULI, *names), h, g, square, [prediction])
+    keys = (*MODULI, *names)
+    normal = normal_equations([data], [prediction], keys)
+    return Universe(keys, (), normal, 1.0, [data], [prediction])
 
 
 @pytest.mark.parametrize(
@@ -79,7 +81,7 @@ def test_stiffness_gradient_looks_like_a_rotation(known: Universe) -> None:
 
 
 def _left(known: Universe, keys: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    h = known.hessian.sum(axis=0)
+    h = known.normal.whole.hessian
     base = [known.keys.index(m) for m in MODULI]
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Explanation
-from bulgefit.gap.regress import Data
 from bulgefit.model.specimen import Specimen
 
 __all__ = ["Advice", "advise"]

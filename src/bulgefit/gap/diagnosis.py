@@ -13,9 +13,11 @@ import numpy as np
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.gap.advise import Advice, advise
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
 from bulgefit.gap.explain import Explanation, Round, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
+from bulgefit.gap.keys import bounds_of, columns_of, is_field, null_of
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
@@ -25,7 +27,7 @@ from bulgefit.gap.prepare import (
     renew_noise,
     settle,
 )
-from bulgefit.gap.regress import Data, Regression, bounds_of, null_of, regress
+from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.separate import Pair, indistinguishable
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.specimen import Specimen
@@ -191,8 +193,8 @@ def diagnose(
         Candidates; default: the whole catalogue.
     law : {"hencky", "svk"}
     thorough : bool
-        Add up to eight effects instead of four, and try reference states as fine as 40 mm:
-        minutes instead of seconds, for tests with several causes.
+        Add up to eight effects instead of four: minutes instead of seconds, for tests with
+        several causes.
     seed : int
         Kept for the record; the search draws nothing at random.
     workers : int
@@ -296,9 +298,8 @@ def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
 def _causes(found: Explanation, data: Sequence[Data]) -> list[Cause]:
     """What stands in the final model, in the order it came."""
     first = found.rounds[0].before if found.rounds else 0.0
-    floor = float(found.final.count.sum()) / found.final.inflation
     return [
-        _cause(found, effect, keys, max(first - floor, 1e-9), data)
+        _cause(found, effect, keys, max(first - found.final.floor, 1e-9), data)
         for effect, keys in found.groups.items()
     ]
 
@@ -311,7 +312,7 @@ def _cause(
     errors = found.final.standard_errors()
     units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
     parameters, at_bound = {}, False
-    for key in keys:
+    for key in columns_of(keys):
         name = key.partition(".")[2]
         value = found.final.values[key]
         low, high = bounds_of(key)
@@ -321,6 +322,9 @@ def _cause(
             "stderr": float(errors[key]),
             "unit": units[name.partition("@")[0]],
         }
+    for key in keys:
+        if is_field(key):
+            parameters.update(_offset_sizes(key, found.final, data))
     return Cause(
         effect=effect,
         alternatives=evidence.rivals,
@@ -328,20 +332,31 @@ def _cause(
         at_bound=bool(at_bound),
         share_of_gap=float(np.clip(gained / excess, 0.0, 1.0)),
         heldout_reduction=float(gained / evidence.without),
-        bias_if_omitted=_bias(found.final, keys, data),
+        bias_if_omitted=_bias(found, keys, data),
         partial=found.partial,
     )
 
 
-def _bias(final: Regression, keys: Sequence[str], data: Sequence[Data]) -> dict[str, float]:
+def _offset_sizes(key: str, final: Regression, data: Sequence[Data]) -> dict[str, dict[str, Any]]:
+    """Root mean square over the points of their offsets, and of the offsets' errors."""
+    name, _, owner = key.partition(".")[2].partition("@")
+    d, offset = data[int(owner or 0)], final.offsets[int(owner or 0)]
+    assert offset is not None
+    frames = np.maximum(d.used.sum(axis=0), 1)
+    size, error = np.sqrt((offset**2).mean(axis=0)), d.sigma * np.sqrt((1.0 / frames).mean(axis=0))
+    end = f"@{owner}" if owner else ""
+    return {
+        f"{name}_{axis}{end}": {"value": float(s), "stderr": float(e), "unit": "mm"}
+        for axis, s, e in zip("xyz", size, error, strict=True)
+    }
+
+
+def _bias(found: Explanation, keys: Sequence[str], data: Sequence[Data]) -> dict[str, float]:
     """Relative error of the moduli when `keys` are held at their null, to first order."""
-    own = [final.keys.index(k) for k in keys]
-    rest = [i for i in range(len(final.keys)) if i not in own]
-    h = final.hessian.sum(axis=0)
-    change = np.array([null_of(k, data) - final.values[k] for k in keys])
-    moved = -np.linalg.lstsq(h[np.ix_(rest, rest)], h[np.ix_(rest, own)] @ change, rcond=None)[0]
-    by_key = dict(zip((final.keys[i] for i in rest), moved, strict=True))
-    return {m: float(by_key[m] / final.values[m]) for m in MODULI if m in by_key}
+    final = found.final
+    without = found.known.moved({k: null_of(k, data) - final.values[k] for k in keys})
+    step = without.step([k for k in final.columns if k not in keys])
+    return {m: float(step[m] / final.values[m]) for m in MODULI if m in step}
 
 
 def _warnings(prepared: Sequence[Prepared]) -> list[str]:
@@ -408,7 +423,7 @@ def _round_dict(found: Round) -> dict[str, Any]:
         "heldout_before": found.before,
         "taken": found.taken.effect if found.taken else None,
         "candidates": [
-            {"effect": c.effect, "parameters": len(c.keys), "heldout": c.held_out}
+            {"effect": c.effect, "parameters": round(c.size), "heldout": c.held_out}
             for c in found.candidates
         ],
     }

@@ -6,16 +6,19 @@ effect is one entry here and one term in its place (`bulgefit.model.places`, `.c
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bulgefit.errors import InputError
 from bulgefit.model.camera import REFERENCE_MODES
 from bulgefit.model.places import FOLD_ORDERS, KNEE
 
-__all__ = ["CATALOGUE", "MODULI", "Effect", "EffectParameter", "chosen_effects"]
+__all__ = ["CATALOGUE", "FIELD", "MODULI", "STEADY", "Effect", "EffectParameter", "chosen_effects"]
 
 MODULI = ("E1", "E2", "G12")
+
+#: Key of the offset of every measured point.
+FIELD = "reference_state.field"
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,14 @@ class Effect:
     ----------
     id, place, meaning : str
     parameters : tuple of EffectParameter
-    stages : tuple of int
-        Numbers of parameters, ascending, at which the group may stop: flexible effects take as
-        many as held-out data pay for.
-    held_back : int
-        Last stages that are tried only once the ones before are in the model, and most of what is
-        left is constant in pressure.
+    forms : tuple of tuple of str
+        Parameters of each form that the effect may take, the most flexible last: as flexible as
+        held-out data pay for. Default: all parameters.
+    field : bool
+        Whether the effect may end as an offset of every measured point. That is tried only once
+        its last form is in the model.
+    steady : tuple of str
+        Parameters whose effect is the same in every frame: an offset of every point contains it.
     shared : bool
         True for the material: specimens of one fabric share it.
     needs_time : bool
@@ -65,8 +70,9 @@ class Effect:
     place: str
     meaning: str
     parameters: tuple[EffectParameter, ...]
-    stages: tuple[int, ...] = ()
-    held_back: int = 0
+    forms: tuple[tuple[str, ...], ...] = ()
+    field: bool = False
+    steady: tuple[str, ...] = ()
     shared: bool = False
     needs_time: bool = False
     never_separable: str = ""
@@ -77,22 +83,15 @@ class Effect:
         return tuple(f"{self.id}.{p.name}" for p in self.parameters)
 
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Parameter groups that may be freed, each containing the one before."""
-        return tuple(self.all_keys[:count] for count in (self.stages or (len(self.parameters),)))
+        """Parameter groups that may be freed, one for each form."""
+        if not self.forms:
+            return (self.all_keys,)
+        return tuple(tuple(f"{self.id}.{name}" for name in form) for form in self.forms)
 
-    def within_reach(self, freed: int, *, constant: bool) -> tuple[tuple[str, ...], ...]:
-        """Groups worth trying.
 
-        Parameters
-        ----------
-        freed : int
-            How many of the parameters are in the model.
-        constant : bool
-            Whether most of what is left does not change with pressure.
-        """
-        groups = self.groups()
-        near = groups[: len(groups) - self.held_back]
-        return groups if freed > len(near[-1]) or (constant and freed == len(near[-1])) else near
+def _stages(names: Sequence[str], *counts: int) -> tuple[tuple[str, ...], ...]:
+    """Forms that contain the ones before."""
+    return tuple(tuple(names[:count]) for count in counts)
 
 
 def _several(names: Iterable[str], unit: str, size: float) -> tuple[EffectParameter, ...]:
@@ -100,10 +99,13 @@ def _several(names: Iterable[str], unit: str, size: float) -> tuple[EffectParame
 
 
 _AXES = ("x", "y", "z")
+_TURNS, _SHIFTS = (tuple(f"{kind}_{a}" for a in _AXES) for kind in ("rotation", "shift"))
 _FOLDS = tuple(f"{kind}{order}" for order in FOLD_ORDERS for kind in "cs")
+_DOMES = ("h0", "hx", "hy", "c2", "s2", "h2", *_FOLDS)
+_GAINS, _KNEES = ("k_x", "k_y"), ("s_x", "s_y", "knee")
 # by degree, so that a stage is a full polynomial in all three components
 _STATE = tuple(
-    f"{axis}{i}{j}" for n in range(10) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
+    f"{axis}{i}{j}" for n in range(6) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
 )
 
 CATALOGUE: dict[str, Effect] = {
@@ -113,8 +115,8 @@ CATALOGUE: dict[str, Effect] = {
             "initial_shape",
             "shape",
             "the fabric was not flat before inflation",
-            _several(("h0", "hx", "hy", "c2", "s2", "h2", *_FOLDS), "mm", 10.0),
-            stages=(1, 3, 6, 10, 14),
+            _several(_DOMES, "mm", 10.0),
+            forms=_stages(_DOMES, 1, 3, 6, 10, 14),
         ),
         Effect(
             "clamp_shape",
@@ -151,10 +153,10 @@ CATALOGUE: dict[str, Effect] = {
             "nonlinear_material",
             "material",
             "stress is not linear in strain along warp and fill",
-            tuple(EffectParameter(n, "1", -2.0, 8.0) for n in ("k_x", "k_y"))
-            + tuple(EffectParameter(n, "1", -0.95, 3.0) for n in ("s_x", "s_y"))
-            + (EffectParameter("knee", "1", 0.001, 0.05, KNEE),),
-            stages=(2, 5),
+            tuple(EffectParameter(n, "1", -2.0, 8.0) for n in _GAINS)
+            + tuple(EffectParameter(n, "1", -0.95, 3.0) for n in _KNEES[:2])
+            + (EffectParameter(_KNEES[2], "1", 0.001, 0.05, KNEE),),
+            forms=(_GAINS, _KNEES, (*_GAINS, *_KNEES)),
             shared=True,
         ),
         Effect(
@@ -188,23 +190,24 @@ CATALOGUE: dict[str, Effect] = {
             "rigid_motion",
             "camera",
             "the camera's frame moved after the reference image",
-            _several((f"rotation_{a}" for a in _AXES), "degree", 1.0)
-            + _several((f"shift_{a}" for a in _AXES), "mm", 2.0),
+            _several(_TURNS, "degree", 1.0) + _several(_SHIFTS, "mm", 2.0),
+            forms=(_TURNS, (*_TURNS, *_SHIFTS)),
+            steady=_SHIFTS,
         ),
         Effect(
             "fixture_motion",
             "camera",
             "the clamp tilts and shifts in proportion to pressure",
-            _several((f"rotation_{a}" for a in _AXES), "degree/bar", 0.5)
-            + _several((f"shift_{a}" for a in _AXES), "mm/bar", 1.0),
+            _several(_TURNS, "degree/bar", 0.5) + _several(_SHIFTS, "mm/bar", 1.0),
         ),
         Effect(
             "reference_state",
             "camera",
             "the reference image shows the fabric already displaced",
             _several(_STATE, "mm", 10.0),
-            stages=(9, 18, 30, 45, 63, 84, 108, 135, 165),
-            held_back=4,
+            forms=_stages(_STATE, 9, 18, 30, 45, 63),
+            field=True,
+            steady=_STATE,
         ),
         Effect(
             "registration",
@@ -226,6 +229,9 @@ CATALOGUE: dict[str, Effect] = {
         ),
     )
 }
+
+#: Parameters that an offset of every point contains.
+STEADY = frozenset(f"{effect.id}.{name}" for effect in CATALOGUE.values() for name in effect.steady)
 
 
 def chosen_effects(names: Iterable[str] | None, *, has_time: bool) -> list[Effect]:

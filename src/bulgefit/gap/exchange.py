@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.regress import Regression, null_of, regress, start_of
+from bulgefit.gap.keys import group_keys, null_of, start_of
+from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
     GAIN_PER_PARAMETER,
@@ -23,7 +24,7 @@ from bulgefit.gap.search import (
     Search,
 )
 from bulgefit.gap.structure import structure
-from bulgefit.gap.universe import Universe, group_keys
+from bulgefit.gap.universe import Universe
 
 __all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
 
@@ -72,7 +73,7 @@ def without_superfluous(
 
     Those whose loss held-out data do not mind, or leaves nothing that noise could not have made.
     """
-    for effect in sorted(groups, key=lambda name: -len(groups[name])):
+    for effect in sorted(groups, key=lambda name: -search.size(groups[name])):
         if len(groups) == 1:
             break
         keys = groups[effect]
@@ -83,9 +84,9 @@ def without_superfluous(
             fit = regress(search.data, kept, start, [p.shapes for p in current.predictions])
         except (SolveError, InputError):
             continue
-        loss = (fit.held_out(search.folds) - current.held_out(search.folds)) / current.inflation
+        loss = fit.held_out() - current.held_out()
         if (
-            loss < GAIN + GAIN_PER_PARAMETER * len(keys)
+            loss < GAIN + GAIN_PER_PARAMETER * search.size(keys)
             or not structure(search.data, fit).significant
         ):
             current = fit
@@ -125,8 +126,8 @@ def _promising(
 
 def _score(search: Search, fit: Regression, groups: Groups) -> float:
     """Held-out sum of squares over the inflation, with the cost of the effects' parameters."""
-    count = sum(len(keys) for keys in groups.values())
-    return fit.held_out(search.folds) / fit.inflation + GAIN_PER_PARAMETER * count
+    size = sum(search.size(keys) for keys in groups.values())
+    return fit.held_out() + GAIN_PER_PARAMETER * size
 
 
 def _forecasts(
@@ -140,17 +141,17 @@ def _forecasts(
     dropped = [k for name in leaving for k in groups[name]]
     moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in dropped})
     rest = [k for k in current.keys if k not in dropped]
-    without = moved.held_out(rest, search.folds) / current.inflation
-    staying = sum(len(keys) for name, keys in groups.items() if name not in leaving)
+    without = moved.held_out(rest)
+    staying = sum(search.size(keys) for name, keys in groups.items() if name not in leaving)
     for effect in search.effects:
         if effect.id in groups:
             continue
         for group in effect.groups():
             keys = group_keys(group, len(search.data))
             if not set(keys) <= set(known.keys):
-                break  # out of reach
-            held = moved.held_out([*rest, *keys], search.folds) / current.inflation
-            cost = GAIN_PER_PARAMETER * (staying + len(keys))
+                continue  # out of reach
+            held = moved.held_out([*rest, *keys])
+            cost = GAIN_PER_PARAMETER * (staying + search.size(keys))
             yield _Exchange(tuple(leaving), effect.id, keys, held + cost, without)
 
 
@@ -179,19 +180,21 @@ def evidence_of(
     Rivals are looked for where asked: beside effects that explain a gap only in part, they would
     say nothing.
     """
-    held = current.held_out(search.folds) / current.inflation
+    held = current.held_out()
     score = _score(search, current, groups)
     out = {}
     for name, keys in groups.items():
         moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
         rest = [k for k in current.keys if k not in keys]
-        without = moved.held_out(rest, search.folds) / current.inflation
+        without = moved.held_out(rest)
         margin = max(TIE, TIE_SHARE * (without - held))
         as_good = []
         forecasts = _forecasts(search, known, current, groups, (name,)) if rivals else iter(())
         for effect, option in _best_of_each(forecasts).items():
             # forecasts are linear: those that come near are fitted
-            if option.score > score + 3.0 * margin or len(option.keys) > 2 * len(keys):
+            if option.score > score + 3.0 * margin or search.size(option.keys) > 2 * search.size(
+                keys
+            ):
                 continue
             found = _tried(search, current, groups, option)
             if found is not None and _score(search, *found) < score + margin:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.effects import Effect
+from bulgefit.gap.data import Data
+from bulgefit.gap.effects import FIELD, Effect
 from bulgefit.gap.exchange import Evidence, evidence_of, exchanged, without_superfluous
-from bulgefit.gap.regress import Data, Regression, null_of, regress, start_of
+from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of, start_of
+from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
     GAIN_PER_PARAMETER,
@@ -21,17 +23,17 @@ from bulgefit.gap.search import (
     Search,
 )
 from bulgefit.gap.structure import Structure, structure
-from bulgefit.gap.universe import Universe, all_folds, group_keys
+from bulgefit.gap.universe import Universe, field_in_reach
 
 __all__ = ["Explanation", "Round", "explain"]
 
 #: Effects that are added at most, also in a thorough search.
-MOST_ROUNDS, MOST_THOROUGH = 4, 8
+MOST_EFFECTS, MOST_THOROUGH = 4, 8
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
 #: they stand in for is then unknown.
 MOST_NAMED = 3
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
-#: is the last: more of them would only pile up on what none explains.
+#: is the last: more of them would only pile up on what none explains. A thorough search goes on.
 LEAST_SHARE = 0.1
 #: Refits in the later rounds, best first by the linear forecast.
 LATER_REFITS = 5
@@ -108,31 +110,30 @@ def explain(
     run : callable
         Maps a task over items, in order: an executor's map as a list.
     thorough : bool
-        Add up to `MOST_THOROUGH` effects, and try the finest stages of flexible ones.
+        Add up to `MOST_THOROUGH` effects.
     """
     usable = [e for e in effects if not e.never_separable]
-    search = Search(data, usable, all_folds(data), say, run, thorough)
+    search = Search(data, usable, say, run)
     current = baseline
     groups: Groups = {}
     start = remainder = structure(data, baseline)
     rounds: list[Round] = []
-    for number in range(MOST_THOROUGH if thorough else MOST_ROUNDS):
-        if not remainder.significant:
-            break
-        found = _round(search, current, groups, first=number == 0)
+    most = MOST_THOROUGH if thorough else MOST_EFFECTS
+    while remainder.significant:
+        found = _round(search, current, groups, most)
         rounds.append(found)
         if found.taken is None:
             break
         groups[found.taken.effect] = found.taken.keys
         current = settle(found.taken.fit)
         remainder = structure(data, current)
-        floor = float(current.count.sum()) / current.inflation
-        if found.before - found.taken.held_out < LEAST_SHARE * (found.before - floor):
+        gained = found.before - found.taken.held_out
+        if not thorough and gained < LEAST_SHARE * (found.before - current.floor):
             break
     # what explains a gap in part only is not worth the time that weighing it against others takes
     if thorough or not remainder.significant:
         current, groups = without_superfluous(search, current, groups)
-    if 1 < len(groups) <= MOST_ROUNDS and not remainder.significant:
+    if 1 < len(groups) <= MOST_EFFECTS and not remainder.significant:
         current, groups = exchanged(search, current, groups)
         current, groups = without_superfluous(search, settle(current), groups)
     known = search.universe(current)
@@ -151,28 +152,35 @@ def explain(
     )
 
 
-def _round(search: Search, current: Regression, groups: Groups, *, first: bool) -> Round:
-    """Free each effect beside what is in the model; take the one that held-out data pay for."""
+def _round(search: Search, current: Regression, groups: Groups, most: int) -> Round:
+    """Free each effect beside what is in the model; take the one that held-out data pay for.
+
+    Once there are so many effects as may be, only larger forms of them are tried.
+    """
     known = search.universe(current)
-    before = current.held_out(search.folds) / current.inflation
-    forecasts = _forecasts(search, known, current)
+    before = current.held_out()
+    forecasts = [
+        forecast
+        for forecast in _forecasts(search, known, current)
+        if len(groups) < most or forecast[1] in groups
+    ]
 
     def attempt(item: tuple[float, str, tuple[str, ...]]) -> Candidate | None:
         _, effect, keys = item
-        search.say(f"{' + '.join([*groups, effect])} ({len(keys)} parameters)")
-        fit = _refit(search.data, current, [k for k in keys if k not in current.keys], known)
+        search.say(_trial_name(groups, effect, keys))
+        fit = _refit(search, current, search.freed(current, effect, keys), known)
         return None if fit is None else search.candidate(effect, keys, fit, realised=False)
 
     def finish(candidate: Candidate) -> Candidate:
         fit = candidate.fit
         if fit.converged:
             return search.candidate(candidate.effect, candidate.keys, fit)
-        search.say(f"{' + '.join([*groups, candidate.effect])}, to the end")
+        search.say(f"{_trial_name(groups, candidate.effect, candidate.keys)}, to the end")
         near = [p.shapes for p in fit.predictions]
         fit = regress(search.data, fit.keys, fit.values, near, iterations=LAST_STEPS)
         return search.candidate(candidate.effect, candidate.keys, fit)
 
-    tried = search.run(attempt, forecasts if first else forecasts[:LATER_REFITS])
+    tried = search.run(attempt, forecasts[:LATER_REFITS] if groups else forecasts)
     candidates = sorted((c for c in tried if c is not None), key=lambda c: c.score)
     if not candidates:
         return Round(before, [], None)
@@ -188,27 +196,42 @@ def _round(search: Search, current: Regression, groups: Groups, *, first: bool) 
     return _judged(search, before, candidates, current)
 
 
+def _trial_name(groups: Iterable[str], effect: str, keys: Sequence[str]) -> str:
+    """What is being tried, for progress: the last effect is the new one, or grows."""
+    size = "an offset of every point" if is_field(keys[0]) else f"{len(keys)} parameters"
+    return f"{' + '.join([*(g for g in groups if g != effect), effect])} ({size})"
+
+
 def _forecasts(
     search: Search, known: Universe, current: Regression
 ) -> list[tuple[float, str, tuple[str, ...]]]:
     """Score, effect and keys of each effect's best group by one linear step, best first."""
     out = []
     for effect in search.effects:
-        best = None
-        for group in effect.groups():
+        groups = effect.groups()
+        if field_in_reach(current, effect, len(search.data)):
+            groups = (*groups, (FIELD,))
+        options = []
+        for group in groups:
             keys = group_keys(group, len(search.data))
-            if not set(keys) <= set(known.keys):
-                break  # out of reach
-            extra = tuple(k for k in keys if k not in current.keys)
-            if not extra:
-                continue
-            held = known.held_out((*current.keys, *extra), search.folds) / current.inflation
-            score = held + GAIN_PER_PARAMETER * len(keys)
-            if best is None or score < best[0]:
-                best = (score, effect.id, keys)
-        if best is not None:
-            out.append(best)
+            if search.grows(current, effect.id, keys) and set(columns_of(keys)) <= set(known.keys):
+                held = _forecast(search, known, current, effect.id, keys)
+                options.append((held + GAIN_PER_PARAMETER * search.size(keys), effect.id, keys))
+        out += sorted(options, key=lambda item: item[0])[:1]
     return sorted(out, key=lambda item: item[0])
+
+
+def _forecast(
+    search: Search, known: Universe, current: Regression, effect: str, keys: tuple[str, ...]
+) -> float:
+    """Held-out misfit with an effect in this form, by one linear step."""
+    freed = search.freed(current, effect, keys)
+    gone = [k for k in current.keys if k not in freed]
+    field = [k for k in keys if is_field(k)]
+    here = known.with_field(field) if field else known
+    return here.moved({k: null_of(k, search.data) - current.values[k] for k in gone}).held_out(
+        freed
+    )
 
 
 def _judged(
@@ -216,27 +239,27 @@ def _judged(
 ) -> Round:
     """The best candidate if it pays, in its smallest form."""
     best = candidates[0]
-    extra_count = len(set(best.fit.keys) - set(current.keys))
-    if before - best.held_out < GAIN + GAIN_PER_PARAMETER * extra_count:
+    extra = search.size(best.fit.keys) - search.size(current.keys)
+    if before - best.held_out < GAIN + GAIN_PER_PARAMETER * extra:
         return Round(before, candidates, None)
     candidates[0] = best = _smallest(search, best, current)
     margin = max(TIE, TIE_SHARE * (before - best.held_out))
     ties = [c for c in candidates[1:] if c.score < best.score + margin]
     # the smallest of those that are not told apart stands for them
-    taken = min([best, *ties], key=lambda c: len(c.keys))
+    taken = min([best, *ties], key=lambda c: c.size)
     return Round(before, candidates, taken)
 
 
 def _smallest(search: Search, candidate: Candidate, current: Regression) -> Candidate:
-    """The candidate with as few stages of its effect as held-out data are content with."""
+    """The candidate in as small a form of its effect as held-out data are content with."""
     (effect,) = (e for e in search.effects if e.id == candidate.effect)
     for group in reversed(effect.groups()):
         keys = group_keys(group, len(search.data))
-        dropped = {k for k in candidate.keys if k not in keys}
-        if not dropped or dropped & set(current.keys) or not set(keys) - set(current.keys):
+        dropped = set(candidate.keys) - set(keys)
+        if not set(keys) < set(candidate.keys) or not search.grows(current, effect.id, keys):
             continue
         fit = candidate.fit
-        search.say(f"{candidate.effect} ({len(keys)} parameters)")
+        search.say(_trial_name((), candidate.effect, keys))
         try:
             fit = regress(
                 search.data,
@@ -254,22 +277,23 @@ def _smallest(search: Search, candidate: Candidate, current: Regression) -> Cand
 
 
 def _refit(
-    data: Sequence[Data], current: Regression, extra: Sequence[str], known: Universe
+    search: Search, current: Regression, freed: Sequence[str], known: Universe
 ) -> Regression | None:
-    """First steps with `extra` freed, from the current fit; None where nothing balances."""
-    start, at_null = dict(current.values), True
-    for key in extra:
-        start[key] = start_of(key, data)
-        at_null &= start[key] == null_of(key, data)
-    keys = (*current.keys, *extra)
+    """First steps from the current fit with others freed; None where nothing balances."""
+    gone = set(current.keys) - set(freed)
+    start = {k: v for k, v in current.values.items() if k not in gone}
+    new = [k for k in freed if k not in current.keys]
+    start.update({k: start_of(k, search.data) for k in new})
+    at_null = not gone and all(start[k] == null_of(k, search.data) for k in new)
+    near = [p.shapes for p in current.predictions]
     try:
         return regress(
-            data,
-            keys,
+            search.data,
+            freed,
             start,
-            [p.shapes for p in current.predictions],
+            near,
             iterations=FIRST_STEPS,
-            known=known.at(keys) if at_null else None,
+            known=known.at(freed) if at_null else None,
         )
     except (SolveError, InputError):
         return None

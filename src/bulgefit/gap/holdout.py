@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
+from bulgefit.gap.keys import columns_of, own_key, start_of
 from bulgefit.gap.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
-from bulgefit.gap.regress import Data, Regression, own_key, regress, start_of
+from bulgefit.gap.regress import Regression, regress
 
 __all__ = ["HeldOutTest", "judge_held_out"]
 
@@ -84,7 +86,10 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
         _gap(judged, alone, weight),
         _gap(judged, full, weight),
         noise_gap([judged], weight),
-        {key: {"value": float(full.values[key]), "stderr": float(errors[key])} for key in own},
+        {
+            key: {"value": float(full.values[key]), "stderr": float(errors[key])}
+            for key in columns_of(own)
+        },
     )
 
 
@@ -120,7 +125,7 @@ def _fitted(
     prepared.data.specimen.correction = None
     start = {**fixed, **{name: start_of(name, [prepared.data]) for name in own}}
     fit = regress([_frames_of(prepared.data, frames)], own, start)
-    renew(prepared, fit.predictions[0])
+    renew(prepared, fit, 0)
     return regress(
         [_frames_of(prepared.data, frames)], own, fit.values, [p.shapes for p in fit.predictions]
     )

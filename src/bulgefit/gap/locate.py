@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.gap.regress import Data, Regression
+from bulgefit.gap.data import Data
+from bulgefit.gap.regress import Regression
 
 __all__ = ["Mode", "azimuthal_modes", "growth_shapes"]
 

@@ -7,14 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.gap.regress import (
-    FOLDS,
-    Data,
-    Regression,
-    chain_factor,
-    names_of,
-    specimen_values,
-)
+from bulgefit.gap.data import FOLDS, Data
+from bulgefit.gap.keys import chain_factor, has_field, names_of, specimen_values
+from bulgefit.gap.normal import mean_over_frames
+from bulgefit.gap.regress import Regression
 
 __all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
 
@@ -58,28 +54,23 @@ def fitted_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
 
 def held_out_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
     """Gap on each fold under the fit without it."""
-    residuals = _residuals(data, fit)
-    for index, (d, p, r) in enumerate(zip(data, fit.predictions, residuals, strict=True)):
+    residuals = []
+    for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
         names, places = names_of(fit.keys, index, len(data) > 1)
         derivative = d.specimen.predict(
             specimen_values(fit.values, index), names, p.shapes
         ).derivative
         chain = np.array([chain_factor(n, p.shapes.values) for n in names])
+        judged = np.full(p.displacement.shape, np.nan)
         for fold in range(FOLDS):
-            everywhere = _fold_of_all(data, fold)
-            step = fit.step_without(everywhere)[places] * chain
-            own = d.blocks.folds()[fold]
-            inside = np.isin(d.blocks.cell, own)
-            r[inside] -= np.tensordot(step, derivative[:, inside], 1)
+            held = d.blocks.held(fold)
+            step = fit.normal.step_without(fold)[places] * chain
+            moved = d.specimen.measured - p.displacement - np.tensordot(step, derivative, 1)
+            if has_field(fit.keys, index):
+                moved -= mean_over_frames(moved, d.used & ~held[..., None])
+            judged[held] = moved[held]
+        residuals.append(np.where(d.used, judged, np.nan))
     return gap_of(residuals, [d.sigma for d in data], weight)
-
-
-def _fold_of_all(data: Sequence[Data], fold: int) -> NDArray[np.int64]:
-    first, out = 0, []
-    for d in data:
-        out.append(d.blocks.folds()[fold] + first)
-        first += d.blocks.count
-    return np.concatenate(out)
 
 
 def noise_gap(data: Sequence[Data], weight: float) -> Gap:

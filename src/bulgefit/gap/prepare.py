@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
+from bulgefit.gap.data import Data
 from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
-from bulgefit.gap.regress import Data, Regression, regress
-from bulgefit.model.specimen import Prediction, Shapes, Specimen
+from bulgefit.gap.regress import Regression, regress
+from bulgefit.model.specimen import Shapes, Specimen
 
 __all__ = [
     "Prepared",
@@ -177,19 +178,25 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
 
 
-def renew(prepared: Prepared, prediction: Prediction) -> None:
-    """The mesh's error and the noise as they are at a fit's prediction."""
+def renew(prepared: Prepared, fit: Regression, index: int) -> None:
+    """The mesh's error and the noise as they are at a fit, this being its specimen `index`.
+
+    Offsets of every point take away what persists of the noise as well: the noise stays as it was
+    without them.
+    """
     specimen = prepared.data.specimen
+    shapes = fit.predictions[index].shapes
     try:
-        correct_discretisation(prepared, prediction.shapes)
+        correct_discretisation(prepared, shapes)
     except SolveError:
         specimen.correction = None
-    renew_noise(prepared, specimen.observe(prediction.shapes).displacement)
+    if fit.offsets[index] is None:
+        renew_noise(prepared, specimen.observe(shapes).displacement)
 
 
 def settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
     """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
-    for p, prediction in zip(prepared, fit.predictions, strict=True):
-        renew(p, prediction)
+    for index, p in enumerate(prepared):
+        renew(p, fit, index)
     shapes = [p.shapes for p in fit.predictions]
     return regress([p.data for p in prepared], fit.keys, fit.values, shapes)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.universe import Universe, effect_of
+from bulgefit.gap.keys import effect_of
+from bulgefit.gap.universe import Universe
 
 __all__ = ["Pair", "cosine_matrix", "indistinguishable", "norms_left"]
 
@@ -29,7 +30,7 @@ class Pair:
 
 def _projected(known: Universe, keys: Sequence[str]) -> tuple[Floats, Floats]:
     """Normal matrix of `keys` with the moduli projected out, and their norms before."""
-    h = known.hessian.sum(axis=0)
+    h = known.normal.whole.hessian
     base = [known.keys.index(m) for m in MODULI]
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bulgefit.gap.regress import Data, Regression
+from bulgefit.gap.data import Data
+from bulgefit.gap.regress import Regression
 
 __all__ = ["Cell", "Structure", "cells_of", "structure"]
 

@@ -21,8 +21,8 @@ Floats = NDArray[np.float64]
 AXES = ("x", "y", "z")
 
 #: Degrees (i, j) of the modes P_i(x/a) P_j(y/a) of `reference_state`, Legendre's polynomials, up to
-#: the ninth degree in all: creases of 40 mm.
-REFERENCE_MODES = tuple((n - j, j) for n in range(10) for j in range(n + 1))
+#: the fifth degree in all.
+REFERENCE_MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
 
 _RIGID = tuple(f"rigid_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
 _FIXTURE = tuple(f"fixture_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)

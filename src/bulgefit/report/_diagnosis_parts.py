@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.regress import Data, Regression
+from bulgefit.gap.regress import Regression
 from bulgefit.report import _figure
 
 __all__ = [

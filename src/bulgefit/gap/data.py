@@ -1,0 +1,82 @@
+"""A specimen as it is judged: its noise, the values in use, and the cells that are held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.model.specimen import Prediction, Specimen
+
+__all__ = ["FOLDS", "Blocks", "Data"]
+
+Floats = NDArray[np.float64]
+
+FRAME_BLOCKS, SECTORS, FOLDS = 4, 6, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of neighbouring frames and sectors, and the fold in which each cell is held out.
+
+    Attributes
+    ----------
+    block : (frames,) int array
+        Contiguous in pressure.
+    sector : (points,) int array
+    """
+
+    block: NDArray[np.int64]
+    sector: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, reference: Floats, pressure: Floats) -> Blocks:
+        """Contiguous blocks of pressure times sectors."""
+        rank = np.argsort(np.argsort(pressure))
+        angle = np.arctan2(reference[:, 1], reference[:, 0]) + np.pi
+        sector = np.minimum((angle * SECTORS / (2 * np.pi)).astype(int), SECTORS - 1)
+        return cls(rank * FRAME_BLOCKS // max(len(pressure), 1), sector)
+
+    def held_block(self, fold: int) -> NDArray[np.int64]:
+        """The block that a fold holds out of each point's frames, (points,).
+
+        A diagonal pattern, so each fold has all blocks and all sectors.
+        """
+        return (fold - self.sector) % FOLDS
+
+    def held(self, fold: int) -> NDArray[np.bool_]:
+        """Frames and points that a fold holds out, (frames, points)."""
+        return self.block[:, None] == self.held_block(fold)[None, :]
+
+
+@dataclass(eq=False)
+class Data:
+    """A specimen with its noise and cells.
+
+    Attributes
+    ----------
+    specimen : Specimen
+    sigma : (3,) array, mm
+    used : (frames, points, 3) bool array
+        Measured, and not an outlier.
+    inflation : float
+        Factor on variances of means: noise that is correlated in space counts less.
+    persistent : float
+        Share of the noise's variance that is the same in every frame.
+    """
+
+    specimen: Specimen
+    sigma: Floats
+    used: NDArray[np.bool_]
+    inflation: float = 1.0
+    persistent: float = 0.0
+    blocks: Blocks = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.blocks = Blocks.of(self.specimen.reference, self.specimen.recorded)
+
+    def residual(self, prediction: Prediction) -> Floats:
+        """(measured - modelled)/sigma, 0 where unused: (frames, points, 3)."""
+        difference = (self.specimen.measured - prediction.displacement) / self.sigma
+        return np.where(self.used, difference, 0.0)

@@ -1,0 +1,210 @@
+"""Normal equations, whole and with each fold held out.
+
+Near the optimum the model is linear, so leaving data out costs no further solve: one step on the
+remaining data is the refit without them, and its sum of squares on what was left out is a quadratic
+form as well.
+
+An offset of every point (`FIELD`) is no column: for given parameters its best value is the mean
+residual of the point's frames, so it is taken off residuals and derivatives alike (variable
+projection; Golub and Pereyra, 1973). A fold that holds frames of a point out takes the mean of the
+point's other frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, SECTORS, Data
+from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
+from bulgefit.model.specimen import Prediction
+
+__all__ = ["NormalEquations", "Quadratic", "mean_over_frames", "normal_equations"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """Sum of squared residuals of a linear model, |r - J s|², as a function of the step s.
+
+    Attributes
+    ----------
+    matrix : (P + 1, P + 1) array
+        [J r]ᵀ[J r], residuals and derivatives in units of the noise.
+    """
+
+    matrix: Floats
+
+    @property
+    def hessian(self) -> Floats:
+        """JᵀJ, (P, P)."""
+        return self.matrix[:-1, :-1]
+
+    @property
+    def gradient(self) -> Floats:
+        """Jᵀr, (P,)."""
+        return self.matrix[:-1, -1]
+
+    @property
+    def square(self) -> float:
+        """rᵀr."""
+        return float(self.matrix[-1, -1])
+
+    def at(self, step: Floats) -> float:
+        """Sum of squares after a step."""
+        return float(self.square - 2 * step @ self.gradient + step @ self.hessian @ step)
+
+    def step(self) -> Floats:
+        """To the optimum; along what the data do not determine, none."""
+        scale = scales(self.hessian)
+        scaled = self.hessian * np.outer(scale, scale)
+        return scale * (
+            np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (self.gradient * scale)
+        )
+
+    def of(self, columns: Sequence[int]) -> Quadratic:
+        """By some of the parameters alone."""
+        index = [*columns, len(self.matrix) - 1]
+        return Quadratic(self.matrix[np.ix_(index, index)])
+
+    def moved(self, columns: Sequence[int], change: Floats) -> Quadratic:
+        """With parameters changed by so much, to first order."""
+        shift = np.eye(len(self.matrix))
+        shift[columns, -1] = -change
+        return Quadratic(shift.T @ self.matrix @ shift)
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Of all data, and of the data kept and held out in each fold.
+
+    Attributes
+    ----------
+    whole : Quadratic
+    kept, held : tuple of Quadratic
+        One for each fold.
+    count : int
+        Values.
+    """
+
+    whole: Quadratic
+    kept: tuple[Quadratic, ...]
+    held: tuple[Quadratic, ...]
+    count: int
+
+    def of(self, columns: Sequence[int]) -> NormalEquations:
+        """By some of the parameters alone."""
+        return self._each(lambda q: q.of(columns))
+
+    def moved(self, columns: Sequence[int], change: Floats) -> NormalEquations:
+        """With parameters changed by so much, to first order."""
+        return self._each(lambda q: q.moved(columns, change))
+
+    def _each(self, of: Callable[[Quadratic], Quadratic]) -> NormalEquations:
+        kept, held = (tuple(of(q) for q in group) for group in (self.kept, self.held))
+        return NormalEquations(of(self.whole), kept, held, self.count)
+
+    def step_without(self, fold: int) -> Floats:
+        """Change of the optimum when a fold is left out."""
+        return self.kept[fold].step() - self.whole.step()
+
+    def held_out(self, *, realised: bool = True) -> float:
+        """Sum of squared residuals of each fold under the fit without it.
+
+        A fit that stopped short of its optimum, or at a bound, is judged where it stands: only
+        what leaving the fold out changes is added. A forecast (`realised` false) is judged where
+        the linear step would take it.
+        """
+        steps = (self.step_without(k) if realised else self.kept[k].step() for k in range(FOLDS))
+        return sum(held.at(step) for held, step in zip(self.held, steps, strict=True))
+
+
+def scales(h: Floats) -> Floats:
+    """Of the parameters: one over the root of the diagonal."""
+    return 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+
+
+def normal_equations(
+    data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[str]
+) -> NormalEquations:
+    """Of all specimens by the freed keys; predictions have derivatives by the specimen's own."""
+    size, several = len(columns_of(keys)) + 1, len(data) > 1
+    whole = np.zeros((size, size))
+    kept, held = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, size))
+    for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
+        names, places = names_of(keys, index, several)
+        rows = np.concatenate([p.derivative / d.sigma, d.residual(p)[None]])
+        rows[:-1] *= np.array([chain_factor(n, p.shapes.values) for n in names])[
+            :, None, None, None
+        ]
+        rows[:, ~d.used] = 0.0
+        here = np.ix_([*places, size - 1], [*places, size - 1])
+        parts = _projected(d, rows) if has_field(keys, index) else _plain(d, rows)
+        whole[here] += parts[0]
+        for fold in range(FOLDS):
+            kept[fold][here] += parts[1][fold]
+            held[fold][here] += parts[2][fold]
+    return NormalEquations(
+        Quadratic(whole),
+        tuple(Quadratic(m) for m in kept),
+        tuple(Quadratic(m) for m in held),
+        sum(int(d.used.sum()) for d in data),
+    )
+
+
+_Parts = tuple[Floats, Floats, Floats]
+
+
+def _plain(data: Data, rows: Floats) -> _Parts:
+    """Gram matrices of all rows, and of those kept and held in each fold."""
+    held = np.zeros((FOLDS, len(rows), len(rows)))
+    blocks = data.blocks
+    for block in range(FRAME_BLOCKS):
+        frames = rows[:, blocks.block == block]
+        for sector in range(SECTORS):
+            cell = frames[:, :, blocks.sector == sector].reshape(len(rows), -1)
+            held[(block + sector) % FOLDS] += cell @ cell.T
+    whole = held.sum(axis=0)
+    return whole, whole - held, held
+
+
+def _projected(data: Data, rows: Floats) -> _Parts:
+    """The same with the mean over each point's kept frames taken off.
+
+    With sums S over the n kept frames of a point, the kept rows lose SSᵀ/n; the held rows, with
+    sums T over m frames, lose TSᵀ/n + STᵀ/n - m SSᵀ/n².
+    """
+    whole, kept, held = _plain(data, rows)
+    blocks = data.blocks
+    chosen = [blocks.block == block for block in range(FRAME_BLOCKS)]
+    sums = np.stack([rows[:, frames].sum(axis=1) for frames in chosen])
+    counts = np.stack([data.used[frames].sum(axis=0) for frames in chosen]).astype(float)
+    total, number = sums.sum(axis=0), counts.sum(axis=0)
+    whole = whole - _gram(total, total, _inverse(number))
+    points = np.arange(rows.shape[2])
+    for fold in range(FOLDS):
+        block = blocks.held_block(fold)
+        t, m = sums[block, :, points].swapaxes(0, 1), counts[block, points]
+        s, inverse = total - t, _inverse(number - m)
+        across = _gram(t, s, inverse)
+        kept[fold] -= _gram(s, s, inverse)
+        held[fold] -= across + across.T - _gram(s, s, m * inverse**2)
+    return whole, kept, held
+
+
+def _gram(a: Floats, b: Floats, weight: Floats) -> Floats:
+    return (a * weight).reshape(len(a), -1) @ b.reshape(len(b), -1).T
+
+
+def _inverse(count: Floats) -> Floats:
+    """1/count, 0 for points that were never kept: their offset stays none."""
+    return np.divide(1.0, count, out=np.zeros_like(count), where=count > 0)
+
+
+def mean_over_frames(values: Floats, used: NDArray[np.bool_]) -> Floats:
+    """Mean of each point's used values (frames, points, 3), 0 where there are none."""
+    return np.where(used, values, 0.0).sum(axis=0) * _inverse(used.sum(axis=0).astype(float))
