@@ -232,6 +232,12 @@ def _is_slack(c11, c22, c12, q, law):
 
 
 @compiled
+def _response_with_tangent(c11, c22, c12, q, law):
+    """`_response` where speed matters less than the time that it takes to compile."""
+    return _response(c11, c22, c12, q, law, True)
+
+
+@compiled
 def _wrinkle(c11, c22, c12, q, law, at):
     """Minimise W(C + a⊗a) over a by Newton's method.
 
@@ -260,7 +266,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
     amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
     a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
-    at = _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law, True)
+    at = _response_with_tangent(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
     for _ in range(60):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
@@ -281,7 +287,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
         step = 1.0
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
-            at = _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, True)
+            at = _response_with_tangent(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
             # strains carry a rounding error of 1e-16, and the energy with them
             if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
@@ -337,7 +343,7 @@ def _is_compressed(at, q):
 @compiled
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = _response(c11, c22, c12, q, law, True)
+    at = _response_with_tangent(c11, c22, c12, q, law)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
     return (WRINKLED if converged else -1), a1, a2, at
 
