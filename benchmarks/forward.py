@@ -173,8 +173,10 @@ def paths(name: str, mesh: Mesh, repeats: int) -> list[str]:
 LIMIT = """\
 The path is not at 1.5 times its limit. A factor now serves a whole level, at the price of more
 residuals and substitutions, which are cheaper than it: that lowers the limit more than the path.
-When the factor was renewed for every correction (12 factorisations, svk), the path took 2.6 times
-its limit (by the band) and half as long again in total."""
+When the factor was renewed for every correction (12 factorisations, svk; slower kernels), the path
+took half as long again. LAPACK's band alone is above the limit, which is PARDISO's; most of the
+rest are substitutions, which read the whole factor from the second cache twice, and tangents, whose
+78 entries a cell go to scattered places."""
 
 
 #: Peers' scripts, and the times that issue 3 asks us to be faster.

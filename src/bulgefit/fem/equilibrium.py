@@ -20,8 +20,8 @@ CORRECTION = 1e-9
 RENEWED_ABOVE = 1e-6
 #: Corrections by one factor that cost less than another factorisation.
 CORRECTIONS = 3
-#: Steps (mm, for a radius of 100 mm) up to which a tangent that is kept may be off its balance.
-KEPT_WITHIN = 1e-4
+#: Steps (mm, for a radius of 100 mm) up to which a factor for derivatives may be off its balance.
+CLOSE_WITHIN = 1e-4
 #: Iterations from a rough guess, and from the prediction of a path.
 FROM_AFAR, FROM_NEAR = 60, 12
 #: Corrections by a factor that has served before are made where they are shorter than this share
@@ -54,9 +54,8 @@ class Equilibrium:
     factor : Factor
         Of the tangent at the shape before the last full step, a step so short that the next
         correction was below `RENEWED_ABOVE`; or of a farther one that the search made do with.
-    tangent : tuple of arrays, or None
-        On request, that shape (n, 3), then within `KEPT_WITHIN` of the balance, and the tangent
-        there, as the linear solver stores it.
+    factor_shape : (n, 3) array, mm
+        The displacement whose tangent was factorised.
     factorisations : int
         Spent on finding it.
     wrinkled : int
@@ -69,10 +68,10 @@ class Equilibrium:
     pressure: float
     displacement: Floats
     factor: Factor
+    factor_shape: Floats
     factorisations: int
     wrinkled: int
     stable: bool
-    tangent: tuple[Floats, Floats] | None = None
 
 
 def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats:
@@ -106,7 +105,7 @@ def solve(
     *,
     thrifty: bool = False,
     follow: bool = False,
-    keep_tangent: bool = False,
+    close: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
@@ -131,14 +130,14 @@ def solve(
         the factorisations, for those who can do with such a factor.
     follow : bool
         The start is a prediction along a path.
-    keep_tangent : bool
-        Return the tangent beside its factor.
+    close : bool
+        Return the factor of a shape within `CLOSE_WITHIN` of the balance, even if thrifty.
 
     Raises
     ------
     NewtonError
     """
-    search = _Search(membrane, pressure, stiffness, follow, keep_tangent)
+    search = _Search(membrane, pressure, stiffness, follow)
     displacement = start
     unit = membrane.radius / 100.0
     state = membrane.state(displacement, pressure, stiffness)
@@ -148,7 +147,7 @@ def solve(
         if state.tangent is None:
             state = membrane.state(displacement, pressure, stiffness)
         factor, stable = search.factor(displacement, state, iteration)
-        before, tangent = displacement, state.tangent
+        before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         step = float(np.abs(displacement - before).max())
         ahead = float(np.abs(correction).max())
@@ -156,12 +155,11 @@ def solve(
         if thrifty and stable:
             enough = max(enough, search.within_reach(step))
         near = ahead <= enough and search.shift == 0.0
-        if near and (not keep_tangent or step <= KEPT_WITHIN * unit):
+        if near and (not close or step <= CLOSE_WITHIN * unit):
             polished = search.polish(displacement, factor, correction, step, unit)
             if polished is not None:
-                kept = (before, tangent) if keep_tangent and tangent is not None else None
                 return Equilibrium(
-                    pressure, polished, factor, search.work, state.wrinkled, stable, kept
+                    pressure, polished, factor, before, search.work, state.wrinkled, stable
                 )
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
@@ -178,15 +176,10 @@ class _Search:
     """The moving parts of one Newton search."""
 
     def __init__(
-        self,
-        membrane: Membrane,
-        pressure: float,
-        stiffness: Floats,
-        follow: bool,
-        keep_tangent: bool,
+        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool
     ) -> None:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
-        self.follow, self.keep_tangent = follow, keep_tangent
+        self.follow = follow
         self.shift = 0.0
         self.work = 0
         #: What follows a full step over its size squared, 1/mm; known after the first.
@@ -200,12 +193,10 @@ class _Search:
             self.work += 1
             try:
                 assert tangent is not None
-                factor = linear.factorise(tangent, self.shift, spent=not self.keep_tangent)
-                return factor, self.shift == 0.0
+                return linear.factorise(tangent, self.shift, spent=True), self.shift == 0.0
             except NotPositiveDefiniteError:
-                if not self.keep_tangent:  # the attempt has used it up
-                    again = self.membrane.state(displacement, self.pressure, self.stiffness)
-                    tangent = again.tangent
+                # the attempt has used it up
+                tangent = self.membrane.state(displacement, self.pressure, self.stiffness).tangent
                 if self.follow:
                     self.work += 1
                     assert tangent is not None

@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
-from bulgefit.fem.jit import compiled
+from bulgefit.fem.jit import compiled, inlined
 from bulgefit.fem.laws import respond, stress_sensitivity
 
 __all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]
@@ -40,116 +40,137 @@ def _load_coupling():
 _COUPLING = _load_coupling()
 
 
-@compiled
-def _gather(x, cells, e, corners):
-    """Positions of cell e's nodes into corners (4, 3)."""
-    for a in range(4):
-        node = cells[e, a]
-        for i in range(3):
-            corners[a, i] = x[node, i]
+#: Cells that are taken together, one in each lane of the processor's vectors: the arrays below have
+#: the lanes last, and the innermost loops run over them. With fewer of them LLVM unrolls these
+#: loops instead. Lanes that the last cells leave empty are computed too, and not used.
+LANES = 16
 
 
-@compiled
-def _deformation(corners, gradient, e, g):
-    """Columns (F_i1), (F_i2) of the deformation gradient at a Gauss point."""
-    f11, f21, f31, f12, f22, f32 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for a in range(4):
-        u, v = gradient[e, g, a, 0], gradient[e, g, a, 1]
-        f11 += corners[a, 0] * u
-        f21 += corners[a, 1] * u
-        f31 += corners[a, 2] * u
-        f12 += corners[a, 0] * v
-        f22 += corners[a, 1] * v
-        f32 += corners[a, 2] * v
-    return f11, f21, f31, f12, f22, f32
+@inlined
+def _gather(x, cells, first, count, corners):
+    """Positions of the nodes of `count` cells into corners (4, 3, lanes)."""
+    for c in range(count):
+        for a in range(4):
+            node = cells[first + c, a]
+            for i in range(3):
+                corners[a, i, c] = x[node, i]
 
 
-@compiled
-def _strain(f):
-    """Components C11, C22, C12 of FᵀF."""
+@inlined
+def _gather_gradient(gradient, first, count, slopes):
+    """Shape gradients of `count` cells into slopes (4 points, 4 nodes, 2, lanes)."""
+    for c in range(count):
+        for g in range(4):
+            for a in range(4):
+                for i in range(2):
+                    slopes[g, a, i, c] = gradient[first + c, g, a, i]
+
+
+@inlined
+def _add_to_nodes(forces, cells, first, count, nodal):
+    """Add forces (4, 3, lanes) of `count` cells to nodal (n, 3)."""
+    for c in range(count):
+        for a in range(4):
+            for i in range(3):
+                nodal[cells[first + c, a], i] += forces[a, i, c]
+
+
+@inlined
+def _deformation(corners, slopes, f):
+    """Columns (F_i1), (F_i2) of the deformation gradient at a Gauss point, into f (6, lanes)."""
+    for i in range(3):
+        for c in range(LANES):
+            f1, f2 = 0.0, 0.0
+            for a in range(4):
+                f1 += corners[a, i, c] * slopes[a, 0, c]
+                f2 += corners[a, i, c] * slopes[a, 1, c]
+            f[i, c], f[3 + i, c] = f1, f2
+
+
+@inlined
+def _strain(f, g, c):
+    """Components C11, C22, C12 of FᵀF at Gauss point g in lane c."""
+    f11, f21, f31 = f[g, 0, c], f[g, 1, c], f[g, 2, c]
+    f12, f22, f32 = f[g, 3, c], f[g, 4, c], f[g, 5, c]
     return (
-        f[0] * f[0] + f[1] * f[1] + f[2] * f[2],
-        f[3] * f[3] + f[4] * f[4] + f[5] * f[5],
-        f[0] * f[3] + f[1] * f[4] + f[2] * f[5],
+        f11 * f11 + f21 * f21 + f31 * f31,
+        f12 * f12 + f22 * f22 + f32 * f32,
+        f11 * f12 + f21 * f22 + f31 * f32,
     )
 
 
-@compiled
-def _normal(corners, g):
-    """x,ξ × x,η at Gauss point g."""
-    u1, u2, u3, v1, v2, v3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for a in range(4):
-        xi, eta = SHAPE_XI[g, a], SHAPE_ETA[g, a]
-        u1 += xi * corners[a, 0]
-        u2 += xi * corners[a, 1]
-        u3 += xi * corners[a, 2]
-        v1 += eta * corners[a, 0]
-        v2 += eta * corners[a, 1]
-        v3 += eta * corners[a, 2]
-    return u2 * v3 - u3 * v2, u3 * v1 - u1 * v3, u1 * v2 - u2 * v1
-
-
-@compiled
-def _add_load(corners, pressure, forces):
-    """Subtract the pressure's nodal forces of a cell; returns its part of the volume V."""
-    volume = 0.0
+@inlined
+def _add_load(corners, pressure, forces, volume):
+    """Subtract the pressure's nodal forces; add the cells' parts of 3 V to volume (lanes,)."""
     for g in range(4):
-        n1, n2, n3 = _normal(corners, g)
-        for a in range(4):
-            share = SHAPE[g, a]
-            forces[a, 0] -= pressure * share * n1
-            forces[a, 1] -= pressure * share * n2
-            forces[a, 2] -= pressure * share * n3
-            volume += share * (corners[a, 0] * n1 + corners[a, 1] * n2 + corners[a, 2] * n3)
-    return volume / 3.0
+        for c in range(LANES):
+            u1, u2, u3, v1, v2, v3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for a in range(4):
+                xi, eta = SHAPE_XI[g, a], SHAPE_ETA[g, a]
+                u1 += xi * corners[a, 0, c]
+                u2 += xi * corners[a, 1, c]
+                u3 += xi * corners[a, 2, c]
+                v1 += eta * corners[a, 0, c]
+                v2 += eta * corners[a, 1, c]
+                v3 += eta * corners[a, 2, c]
+            # x,ξ × x,η
+            n1, n2, n3 = u2 * v3 - u3 * v2, u3 * v1 - u1 * v3, u1 * v2 - u2 * v1
+            for a in range(4):
+                share = SHAPE[g, a]
+                forces[a, 0, c] -= pressure * share * n1
+                forces[a, 1, c] -= pressure * share * n2
+                forces[a, 2, c] -= pressure * share * n3
+                volume[c] += share * (
+                    corners[a, 0, c] * n1 + corners[a, 1, c] * n2 + corners[a, 2, c] * n3
+                )
 
 
-@compiled
-def _add_stress(f, gradient, e, g, s11, s22, s12, forces):
-    """forces[a] += F S G_a, the work conjugate of the stress (already times t dA).
+@inlined
+def _add_stress(f, slopes, stress, forces):
+    """forces[a] += F S G_a, the work conjugate of the stress (3, lanes; already times t dA).
 
     With P = F S, a first Piola-Kirchhoff stress.
     """
-    p11, p12 = f[0] * s11 + f[3] * s12, f[0] * s12 + f[3] * s22
-    p21, p22 = f[1] * s11 + f[4] * s12, f[1] * s12 + f[4] * s22
-    p31, p32 = f[2] * s11 + f[5] * s12, f[2] * s12 + f[5] * s22
-    for a in range(4):
-        u, v = gradient[e, g, a, 0], gradient[e, g, a, 1]
-        forces[a, 0] += p11 * u + p12 * v
-        forces[a, 1] += p21 * u + p22 * v
-        forces[a, 2] += p31 * u + p32 * v
+    for i in range(3):
+        for c in range(LANES):
+            p1 = f[i, c] * stress[0, c] + f[3 + i, c] * stress[2, c]
+            p2 = f[i, c] * stress[2, c] + f[3 + i, c] * stress[1, c]
+            for a in range(4):
+                forces[a, i, c] += p1 * slopes[a, 0, c] + p2 * slopes[a, 1, c]
 
 
-@compiled
-def _strain_rows(f, gradient, e, g, w, at, strain, stress):
-    """The strain operator B of Gauss point g, and w CC B, as rows 3 g to 3 g + 2."""
-    c11, c22, c33 = w * at[4], w * at[5], w * at[6]
-    c12, c13, c23 = w * at[7], w * at[8], w * at[9]
+@inlined
+def _strain_rows(f, slopes, at, g, c, strain, stress):
+    """The strain operator B of Gauss point g in lane c, and CC B, as rows 3 g to 3 g + 2."""
+    c11, c22, c33 = at[g, 4, c], at[g, 5, c], at[g, 6, c]
+    c12, c13, c23 = at[g, 7, c], at[g, 8, c], at[g, 9, c]
     r = 3 * g
     for a in range(4):
-        u, v = gradient[e, g, a, 0], gradient[e, g, a, 1]
+        u, v = slopes[g, a, 0, c], slopes[g, a, 1, c]
         for i in range(3):
-            c = 3 * a + i
-            b1, b2, b3 = f[i] * u, f[3 + i] * v, f[i] * v + f[3 + i] * u
-            strain[r, c], strain[r + 1, c], strain[r + 2, c] = b1, b2, b3
-            stress[r, c] = c11 * b1 + c12 * b2 + c13 * b3
-            stress[r + 1, c] = c12 * b1 + c22 * b2 + c23 * b3
-            stress[r + 2, c] = c13 * b1 + c23 * b2 + c33 * b3
+            k = 3 * a + i
+            f1, f2 = f[g, i, c], f[g, 3 + i, c]
+            b1, b2, b3 = f1 * u, f2 * v, f1 * v + f2 * u
+            strain[r, k], strain[r + 1, k], strain[r + 2, k] = b1, b2, b3
+            stress[r, k] = c11 * b1 + c12 * b2 + c13 * b3
+            stress[r + 1, k] = c12 * b1 + c22 * b2 + c23 * b3
+            stress[r + 2, k] = c13 * b1 + c23 * b2 + c33 * b3
 
 
-@compiled
-def _add_geometric(gradient, e, g, s11, s22, s12, geometric):
-    """geometric[a, b] += G_a·S·G_b, lower triangle (stress already times t dA)."""
+@inlined
+def _add_geometric(slopes, at, g, c, geometric):
+    """geometric[a, b] += G_a·S·G_b at Gauss point g in lane c, lower triangle."""
+    s11, s22, s12 = at[g, 1, c], at[g, 2, c], at[g, 3, c]
     for b in range(4):
-        h1 = s11 * gradient[e, g, b, 0] + s12 * gradient[e, g, b, 1]
-        h2 = s12 * gradient[e, g, b, 0] + s22 * gradient[e, g, b, 1]
+        h1 = s11 * slopes[g, b, 0, c] + s12 * slopes[g, b, 1, c]
+        h2 = s12 * slopes[g, b, 0, c] + s22 * slopes[g, b, 1, c]
         for a in range(b, 4):
-            geometric[a, b] += gradient[e, g, a, 0] * h1 + gradient[e, g, a, 1] * h2
+            geometric[a, b] += slopes[g, a, 0, c] * h1 + slopes[g, a, 1, c] * h2
 
 
 @compiled
-def _stiffness(corners, strain, stress, geometric, pressure, ke):
-    """The cell's matrix (12, 12), right in its lower triangle.
+def _stiffness(corners, lane, strain, stress, geometric, pressure, ke):
+    """The matrix (12, 12) of a lane's cell, right in its lower triangle.
 
     Material part BᵀCC B over all Gauss points at once. Written out and up to a multiple of four
     columns, a row stays in vector registers: a quarter of the time of a plain triple loop.
@@ -173,9 +194,9 @@ def _stiffness(corners, strain, stress, geometric, pressure, ke):
             x, y, z = 0.0, 0.0, 0.0
             for c in range(4):
                 share = -pressure * _COUPLING[a, b, c]
-                x += share * corners[c, 0]
-                y += share * corners[c, 1]
-                z += share * corners[c, 2]
+                x += share * corners[c, 0, lane]
+                y += share * corners[c, 1, lane]
+                z += share * corners[c, 2, lane]
             r, c = 3 * a, 3 * b
             ke[r, c + 1] -= z
             ke[r, c + 2] += y
@@ -215,54 +236,65 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
         Gauss points in tension-field relaxation.
     """
     with_tangent = len(data) > 0
-    corners, forces, geometric = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 4))
-    strain, stress, ke = np.empty((12, 12)), np.empty((12, 12)), np.empty((12, 12))
+    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
+    forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
+    # at every Gauss point: F, and W, S and CC times t dA
+    f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
+    wanted = 10 if with_tangent else 4
+    geometric, ke = np.empty((4, 4)), np.empty((12, 12))
+    strain, stress = np.empty((12, 12)), np.empty((12, 12))
     residual[:] = 0.0
     data[:] = 0.0
-    energy, volume, wrinkled = 0.0, 0.0, 0
-    for e in range(cells.shape[0]):
-        _gather(x, cells, e, corners)
+    potential, wrinkled = 0.0, 0
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        _gather(x, cells, first, count, corners)
+        _gather_gradient(gradient, first, count, slopes)
         forces[:] = 0.0
-        geometric[:] = 0.0
+        volume[:] = 0.0
         for g in range(4):
-            f, w = _deformation(corners, gradient, e, g), weight[e, g]
-            c11, c22, c12 = _strain(f)
-            state, at = respond(c11, c22, c12, q, law, relax, with_tangent)
-            if state < 0:
-                return np.nan, wrinkled
-            wrinkled += state != 0
-            energy += w * at[0]
-            s11, s22, s12 = w * at[1], w * at[2], w * at[3]
-            _add_stress(f, gradient, e, g, s11, s22, s12, forces)
-            if with_tangent:
-                _strain_rows(f, gradient, e, g, w, at, strain, stress)
-                _add_geometric(gradient, e, g, s11, s22, s12, geometric)
-        volume += _add_load(corners, pressure, forces)
-        for a in range(4):
-            for i in range(3):
-                residual[cells[e, a], i] += forces[a, i]
+            _deformation(corners, slopes[g], f[g])
+            for c in range(count):
+                c11, c22, c12 = _strain(f, g, c)
+                state, found = respond(c11, c22, c12, q, law, relax, with_tangent)
+                if state < 0:
+                    return np.nan, wrinkled
+                wrinkled += state != 0
+                for k in range(wanted):
+                    at[g, k, c] = weight[first + c, g] * found[k]
+                potential += at[g, 0, c]
+            _add_stress(f[g], slopes[g], at[g, 1:4], forces)
+        _add_load(corners, pressure, forces, volume)
+        _add_to_nodes(forces, cells, first, count, residual)
+        for c in range(count):
+            potential -= pressure * volume[c] / 3.0
         if with_tangent:
-            _stiffness(corners, strain, stress, geometric, pressure, ke)
-            position = 0
-            for r in range(12):
-                for c in range(r + 1):
-                    data[scatter[e, position]] += ke[r, c]
-                    position += 1
-    return energy - pressure * volume, wrinkled
+            for c in range(count):
+                geometric[:] = 0.0
+                for g in range(4):
+                    _strain_rows(f, slopes, at, g, c, strain, stress)
+                    _add_geometric(slopes, at, g, c, geometric)
+                _stiffness(corners, c, strain, stress, geometric, pressure, ke)
+                position = 0
+                for r in range(12):
+                    for k in range(r + 1):
+                        data[scatter[first + c, position]] += ke[r, k]
+                        position += 1
+    return potential, wrinkled
 
 
 @compiled
 def assemble_pressure(x, cells, out):
     """Force of a unit pressure at positions x: ∂V/∂x, into out (n, 3) mm²."""
-    corners, forces = np.empty((4, 3)), np.empty((4, 3))
+    corners, forces = np.zeros((4, 3, LANES)), np.empty((4, 3, LANES))
+    volume = np.zeros(LANES)
     out[:] = 0.0
-    for e in range(cells.shape[0]):
-        _gather(x, cells, e, corners)
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        _gather(x, cells, first, count, corners)
         forces[:] = 0.0
-        _add_load(corners, -1.0, forces)
-        for a in range(4):
-            for i in range(3):
-                out[cells[e, a], i] += forces[a, i]
+        _add_load(corners, -1.0, forces, volume)
+        _add_to_nodes(forces, cells, first, count, out)
 
 
 @compiled
@@ -278,22 +310,27 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
     -------
     ok : bool
     """
-    corners, forces = np.empty((4, 3)), np.empty((4, 4, 3))
+    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
+    f, stress = np.zeros((4, 6, LANES)), np.zeros((4, 3, LANES))
+    forces = np.empty((4, 4, 3, LANES))
     out[:] = 0.0
-    for e in range(cells.shape[0]):
-        _gather(x, cells, e, corners)
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        _gather(x, cells, first, count, corners)
+        _gather_gradient(gradient, first, count, slopes)
         forces[:] = 0.0
         for g in range(4):
-            f, w = _deformation(corners, gradient, e, g), weight[e, g]
-            c11, c22, c12 = _strain(f)
-            state, by_stiffness = stress_sensitivity(c11, c22, c12, q, law, relax)
-            if state < 0:
-                return False
+            _deformation(corners, slopes[g], f[g])
+            for c in range(count):
+                c11, c22, c12 = _strain(f, g, c)
+                state, found = stress_sensitivity(c11, c22, c12, q, law, relax)
+                if state < 0:
+                    return False
+                for k in range(4):
+                    for i in range(3):
+                        stress[k, i, c] = weight[first + c, g] * found[k][i]
             for k in range(4):
-                s11, s22, s12 = by_stiffness[k]
-                _add_stress(f, gradient, e, g, w * s11, w * s22, w * s12, forces[k])
+                _add_stress(f[g], slopes[g], stress[k], forces[k])
         for k in range(4):
-            for a in range(4):
-                for i in range(3):
-                    out[k, cells[e, a], i] += forces[k, a, i]
+            _add_to_nodes(forces[k], cells, first, count, out[k])
     return True

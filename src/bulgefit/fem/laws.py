@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 
-from bulgefit.fem.jit import compiled
+from bulgefit.fem.jit import compiled, inlined
 
 __all__ = [
     "LAWS",
@@ -52,27 +52,33 @@ _NOTHING = (0.0,) * 10
 _SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
 
 
-@compiled
+@inlined
 def _log_coefficient(m, s):
-    """g(m, s) = atanh(√s/m)/√s with g_m, g_s, g_mm, g_ms, g_ss."""
-    det = m * m - s
+    """g(m, s) = atanh(√s/m)/√s and g_s."""
     z = s / (m * m)
     if z < _SERIES_BELOW:
         # g = φ(z)/m, φ = Σ zⁿ/(2n+1)
-        phi, phi_1, phi_2 = 0.0, 0.0, 0.0
+        phi, phi_1 = 0.0, 0.0
         for n in range(9, -1, -1):
-            phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
             phi_1 = phi_1 * z + (n + 1) / (2.0 * n + 3.0)
             phi = phi * z + 1.0 / (2.0 * n + 1.0)
-        g = phi / m
-        g_s = phi_1 / m**3
-        g_ss = phi_2 / m**5
-    else:
-        d = math.sqrt(s)
-        g = 0.5 * math.log((m + d) / (m - d)) / d
-        g_s = (m / det - g) / (2.0 * s)
-        g_ss = (m / (det * det) - 3.0 * g_s) / (2.0 * s)
-    return g, -1.0 / det, g_s, 2.0 * m / (det * det), -1.0 / (det * det), g_ss
+        return phi / m, phi_1 / m**3
+    d = math.sqrt(s)
+    g = 0.5 * math.log((m + d) / (m - d)) / d
+    return g, (m / (m * m - s) - g) / (2.0 * s)
+
+
+@inlined
+def _log_curvature(m, s, g_s):
+    """g_ss of `_log_coefficient`."""
+    det = m * m - s
+    z = s / (m * m)
+    if z < _SERIES_BELOW:
+        phi_2 = 0.0
+        for n in range(9, -1, -1):
+            phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
+        return phi_2 / m**5
+    return (m / (det * det) - 3.0 * g_s) / (2.0 * s)
 
 
 @compiled
@@ -90,7 +96,8 @@ def _strain(c11, c22, c12, law):
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k
     det = m * m - s
-    g, g_m, g_s, _, _, _ = _log_coefficient(m, s)
+    g, g_s = _log_coefficient(m, s)
+    g_m = -1.0 / det
     area = 0.5 * math.log(det)
     # derivatives of A, B, G as in `_response`, in m, h and k
     gh, gk = 2.0 * h * g_s, 2.0 * k * g_s
@@ -105,7 +112,7 @@ def _strain(c11, c22, c12, law):
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def _potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
@@ -147,7 +154,7 @@ def _knee(e, knee):
     )
 
 
-@compiled
+@inlined
 def _response(c11, c22, c12, q, law, with_tangent):
     """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23); CC is zero unless asked for."""
     if law == 1:
@@ -158,7 +165,8 @@ def _response(c11, c22, c12, q, law, with_tangent):
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k
     det = m * m - s
-    g, g_m, g_s, g_mm, g_ms, g_ss = _log_coefficient(m, s)
+    g, g_s = _log_coefficient(m, s)
+    g_m = -1.0 / det
     area = 0.5 * math.log(det)
     a, b, c = 0.5 * (area + g * h), 0.5 * (area - g * h), g * k
     psi, t1, t2, t3, h11, h22, h33, h12 = _potential(a, b, c, q)
@@ -180,6 +188,7 @@ def _response(c11, c22, c12, q, law, with_tangent):
         return psi, w_m + w_h, w_m - w_h, w_k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # second derivatives
     det2 = det * det
+    g_mm, g_ms, g_ss = 2.0 * m / det2, -1.0 / det2, _log_curvature(m, s, g_s)
     a_mm, a_hh, a_kk = -(m * m + s) / det2, -(det + 2 * h * h) / det2, -(det + 2 * k * k) / det2
     a_mh, a_mk, a_hk = 2 * m * h / det2, 2 * m * k / det2, -2 * h * k / det2
     g_mh, g_mk = 2.0 * h * g_ms, 2.0 * k * g_ms
@@ -212,7 +221,7 @@ def _response(c11, c22, c12, q, law, with_tangent):
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def _is_slack(c11, c22, c12, q, law):
     """True where C0 - C is positive semidefinite, C0 the natural state: nothing is stretched."""
     if law == 1:
@@ -220,6 +229,12 @@ def _is_slack(c11, c22, c12, q, law):
     else:
         n1, n2 = math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
     return c11 <= n1 and c22 <= n2 and (n1 - c11) * (n2 - c22) >= c12 * c12
+
+
+@compiled
+def _response_with_tangent(c11, c22, c12, q, law):
+    """`_response` where speed matters less than the time that it takes to compile."""
+    return _response(c11, c22, c12, q, law, True)
 
 
 @compiled
@@ -251,7 +266,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
     amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
     a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
-    at = _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law, True)
+    at = _response_with_tangent(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
     for _ in range(60):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
@@ -272,7 +287,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
         step = 1.0
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
-            at = _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law, True)
+            at = _response_with_tangent(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
             # strains carry a rounding error of 1e-16, and the energy with them
             if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
@@ -317,7 +332,7 @@ def _condense(a1, a2, at):
     )  # fmt: skip
 
 
-@compiled
+@inlined
 def _is_compressed(at, q):
     """True where the lower principal stress is negative, beyond rounding."""
     slight = 1e-13 * (q[0] + q[1])
@@ -328,12 +343,12 @@ def _is_compressed(at, q):
 @compiled
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = _response(c11, c22, c12, q, law, True)
+    at = _response_with_tangent(c11, c22, c12, q, law)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
     return (WRINKLED if converged else -1), a1, a2, at
 
 
-@compiled
+@inlined
 def respond(c11, c22, c12, q, law, relax, with_tangent):
     """State of a material point, and W, S (3), CC (6), as `point_response` explains them.
 

@@ -77,18 +77,16 @@ def parameter_sensitivity(
     """
     s = np.cbrt(balance.pressure)
     h = _ALONG * s
-    if balance.tangent is None:
-        raise ValueError("the balance was solved without keeping its tangent")
     # the shape that the factor belongs to, and one a little farther along the path
-    shape, tangent = balance.tangent
+    shape = balance.factor_shape
     ahead, pressure = shape + h * slope, (s + h) ** 3
     tangent_ahead = membrane.state(ahead, pressure, stiffness).tangent
     assert tangent_ahead is not None
     force = force_derivative(shape, balance.pressure)
     force_ahead = force_derivative(ahead, pressure)
     value = balance.factor.solve(np.asfortranarray(-force.T))
-    tangent_ahead -= tangent
-    turn = force_ahead.T - force.T + membrane.linear.multiply(tangent_ahead, value)
+    # what R_θ + K V, zero at the shape itself, has grown to
+    turn = force_ahead.T + membrane.linear.multiply(tangent_ahead, value)
     value_slope = balance.factor.solve(np.asfortranarray(turn / -h))
     return membrane.spread(value.T), membrane.spread(value_slope.T)
 

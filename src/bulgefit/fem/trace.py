@@ -62,6 +62,15 @@ class _Level:
     factor: Factor | None
 
 
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """The dense output halfway between two levels through the levels `knots`, and its error."""
+
+    knots: tuple[float, ...]
+    shape: Floats
+    error: float
+
+
 class _Tracer:
     """Solved levels in s = p^(1/3), and the work spent on them."""
 
@@ -72,7 +81,7 @@ class _Tracer:
         self.work = 0
         self.wasted = 0
         self.closing_in = False
-        self._errors: dict[tuple[float, tuple[float, ...]], float] = {}
+        self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
         self.mirrored = membrane.fabric.surface is None
@@ -82,7 +91,7 @@ class _Tracer:
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
-                thrifty=True, follow=follow, keep_tangent=self.sensitivities,
+                thrifty=True, follow=follow, close=self.sensitivities,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
@@ -137,32 +146,41 @@ class _Tracer:
         fitting = 2.0 * (displacement - below.displacement) / (s - below.s) - below.slope
         return bool(np.abs(slope - fitting).max() > _ROUGH * np.abs(slope).max())
 
-    def error(self, after: int) -> float:
+    def error(self, after: int, slight: float) -> float:
         """Error (mm) of the dense output halfway between level `after` and the next.
 
         Newton's correction of the interpolated shape. The stiffness there lies between those of
-        the two levels, so the estimate is the geometric mean of what their factors say.
+        the two levels, so the estimate is the geometric mean of what their factors say. Where
+        another level has changed the stencil, the shape's change is added to the error it had; if
+        that is `slight` (mm), it is not measured anew.
         """
         low, high = self.levels[after], self.levels[after + 1]
         middle = 0.5 * (low.s + high.s)
         knots = stencil_at(
             np.array([level.s for level in self.levels]), middle, mirrored=self.mirrored
         )
-        if (low.s, knots) in self._errors:
-            return self._errors[low.s, knots]
-        state = self.membrane.state(
-            self.interpolate(middle), middle**3, self.stiffness, tangent=False
-        )
+        known = self._estimates.get((low.s, high.s))
+        if known is not None and known.knots == knots:
+            return known.error
+        shape = self.interpolate(middle)
         error = np.inf
-        if np.isfinite(state.potential):
-            kept = [level.factor for level in self.levels[after:] if level.factor is not None]
-            here = [factor for factor in (low.factor, high.factor) if factor is not None]
-            sizes = [
-                float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]
-            ]
-            error = float(np.prod(sizes)) ** (1.0 / len(sizes))
-        self._errors[low.s, knots] = error
+        if known is not None:
+            error = known.error + float(np.abs(shape - known.shape).max())
+        if error > slight:
+            error = self._measured_error(after, middle, shape)
+        self._estimates[low.s, high.s] = _Estimate(knots, shape, error)
         return error
+
+    def _measured_error(self, after: int, s: float, shape: Floats) -> float:
+        state = self.membrane.state(shape, s**3, self.stiffness, tangent=False)
+        if not np.isfinite(state.potential):
+            return np.inf
+        kept = [level.factor for level in self.levels[after:] if level.factor is not None]
+        here = [
+            level.factor for level in self.levels[after : after + 2] if level.factor is not None
+        ]
+        sizes = [float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]]
+        return float(np.prod(sizes)) ** (1.0 / len(sizes))
 
     def forget(self) -> None:
         """Let go of the factors that no estimate needs any more."""
@@ -277,14 +295,15 @@ def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
         if tracer.levels[-1].s - s < smallest:
             raise _StoppedError(tracer.failure, tracer.levels[-1].s + smallest)
         _refine(tracer, tolerance, _CLOSEST * end)
-        error = tracer.error(len(tracer.levels) - 2)
+        error = tracer.error(len(tracer.levels) - 2, _AIM * tolerance)
         wanted = (_AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s
         gap = max(0.25 * made, tracer.levels[-1].s - tracer.levels[-2].s)
         # short of the step that was asked for, grow with care
         step = gap * min(2.5 if share == 1.0 else 1.3, max(0.4, wanted))
         tracer.forget()
-    return max((tracer.error(after) for after in range(len(tracer.levels) - 1)), default=0.0)
+    intervals = range(len(tracer.levels) - 1)
+    return max((tracer.error(after, _AIM * tolerance) for after in intervals), default=0.0)
 
 
 def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
@@ -325,7 +344,8 @@ def _refine(tracer: _Tracer, tolerance: float, closest: float) -> None:
     lowest = max(0, after - STENCIL + 1)
     while after >= lowest:
         low, high = tracer.levels[after].s, tracer.levels[after + 1].s
-        done = tracer.error(after) <= _SURE * tolerance or high - low < closest or low in singular
+        error = tracer.error(after, _AIM * tolerance)
+        done = error <= _SURE * tolerance or high - low < closest or low in singular
         if not done and tracer.wasted <= _PATIENCE:
             middle = 0.5 * (low + high)
             try:
