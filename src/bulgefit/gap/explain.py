@@ -30,17 +30,14 @@ MOST_ROUNDS, MOST_THOROUGH = 4, 8
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
 #: they stand in for is then unknown.
 MOST_NAMED = 3
-#: From so many effects on, what they leave is looked at more closely.
-SEVERAL = 3
+#: From so many effects on, what they leave of the gap's pattern is looked at more closely.
+SEVERAL = 2
 #: A catalogue effect is modelled to about 1 % of what it does; several that stand in for something
 #: else come near it, but leave more of its pattern. Of what several effects take off the mean
-#: square, their smooth, persistent remainder may be this share. On made tests three true effects
-#: left up to 0.0003 of it, three that stood in for a bent image 0.0024 to 0.0041, whatever its
-#: size.
+#: square, their smooth, persistent remainder may be this share. On made tests two or three true
+#: effects left up to 0.0003 of it, two to four that stood in for a bent image 0.0019 to 0.0041,
+#: whatever its size.
 LEFT_BEHIND = 1e-3
-#: So much of the noise's variance may be left in any case (a tenth of a noise unit): small gaps
-#: compare with the mesh's error.
-LEFT_FREE = 0.1**2
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains.
 LEAST_SHARE = 0.1
@@ -176,8 +173,7 @@ def leaves_a_trace(
         for fit in (baseline, final)
     )
     taken_off = (before - after) / sum(int(d.used.sum()) for d in data)
-    granted = max(LEFT_FREE, LEFT_BEHIND * taken_off)
-    return remainder.smooth > remainder.by_chance + granted
+    return remainder.smooth > remainder.by_chance + LEFT_BEHIND * taken_off
 
 
 def _round(search: Search, current: Regression, groups: Groups, *, first: bool) -> Round:

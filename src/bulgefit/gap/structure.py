@@ -24,8 +24,9 @@ MODEL_FLOOR = 0.2
 PERSISTENT = 0.3**2
 #: Degree of the polynomials in x and y that make up the smooth part of a residual.
 SMOOTH_DEGREE = 5
-#: Standard errors of a persistent share that are put down to chance.
-CHANCE = 4.0
+#: Standard errors of a persistent share that are put down to chance, of all that is left and of
+#: its smooth part. Noise goes beyond three in 0.1 % of cases.
+CHANCE, SMOOTH_CHANCE = 4.0, 3.0
 #: Chance that noise alone looks like structure.
 LEVEL = 1e-3
 _NAMES = ("dx", "dy", "dz")
@@ -71,9 +72,9 @@ class Structure:
         and the model's own floor stay under. Noise is drawn anew for each frame; what the model
         misses is not, however fine it is in space.
     smooth, by_chance : float
-        The persistent share of what is smooth in space (also of the whole noise variance), and
-        what noise stays under. Few modes hold little noise, so this shows much weaker patterns;
-        nothing is granted to the model. Of the test that is furthest beyond.
+        The persistent share of what is smooth in space (of the whole noise variance, too), and
+        what noise stays under; of the test that is furthest beyond. Few modes hold little noise,
+        so this shows weaker patterns; nothing is granted to the model's error.
     cells : list of Cell
         Largest significance first.
     """
@@ -132,7 +133,7 @@ def _smooth(data: Data, ordered: Floats) -> tuple[float, float]:
     per_point = basis.shape[1] / len(basis)
     # noise that is correlated in space gathers in smooth modes
     noise = data.inflation * per_point
-    chance = CHANCE / float(np.sqrt(product.size))
+    chance = SMOOTH_CHANCE / float(np.sqrt(product.size))
     return float(product.mean()) * per_point, noise * (data.persistent + chance)
 
 
