@@ -192,6 +192,13 @@ def test_words_of_every_verdict(found):
     silent.verdict = "none"
     assert "good to the noise" in text_of(words.page(silent))
     (cause,) = found.causes
+    traced = replace(found.explanation.remainder, smooth=0.04, by_chance=0.01)
+    near = replace_groups(found, rest=traced)
+    near.causes = [replace(cause, partial=True)] * 3
+    assert "leave a trace" in text_of(words.page(near))
+    assert "0.2 noise units" in text_of(words.page(near))
+    near.causes *= 2
+    assert "It takes 6 effects" in text_of(words.page(near))
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
     ambiguous = replace(found, verdict="ambiguous", causes=[split])
     for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):

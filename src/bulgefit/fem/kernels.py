@@ -217,7 +217,7 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
     gradient : (m, 4, 4, 2) array, 1/mm
     weight : (m, 4) array, mm³
         Thickness times reference area of each Gauss point.
-    q : tuple of 11, MPa and 1
+    q : tuple of 12, MPa and 1
     law, relax : int, bool
     pressure : float, MPa
     scatter : (m, 78) int array

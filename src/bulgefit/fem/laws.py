@@ -121,7 +121,7 @@ def _potential(e1, e2, e3, q):
     of the way at the knee κ.
 
     `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), the gains a E and s E, each
-    along warp and fill (MPa), and κ (1).
+    along warp and fill (MPa), and κ along warp and fill (1).
     """
     e1, e2 = e1 - q[4], e2 - q[5]
     t1 = q[0] * e1 + q[2] * e2
@@ -135,7 +135,7 @@ def _potential(e1, e2, e3, q):
     h1, h2 = q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2
     if q[8] != 0.0 or q[9] != 0.0:
         psi_1, bent_1, slope_1 = _knee(p1, q[10])
-        psi_2, bent_2, slope_2 = _knee(p2, q[10])
+        psi_2, bent_2, slope_2 = _knee(p2, q[11])
         psi += q[8] * psi_1 + q[9] * psi_2
         t1, h1 = t1 + q[8] * bent_1, h1 + q[8] * slope_1
         t2, h2 = t2 + q[9] * bent_2, h2 + q[9] * slope_2
@@ -373,7 +373,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     ----------
     c11, c22, c12 : float
         Right Cauchy-Green tensor in material axes.
-    q : tuple of 11, MPa and 1
+    q : tuple of 12, MPa and 1
         Plane-stress stiffness, slack, gains and knee, as `_potential` takes them. A tuple, whose
         length the compiler checks; an array that is too short would be read past its end.
     law : int

@@ -63,8 +63,8 @@ class Fabric:
         Stress along warp and fill gains this times the squared elastic strain, in tension.
     bend : (2,) tuple, MPa
         The slope of stress along warp and fill changes by this beyond the knee, in tension.
-    knee : float
-        Elastic strain at which half of the bend is reached, 1.
+    knee : (2,) tuple
+        Elastic strain along warp and fill at which half of the bend is reached, 1.
     compliance : float, mm per N/mm, or None
         The rim moves inwards by this times the radial edge traction; None: it is held.
     """
@@ -74,7 +74,7 @@ class Fabric:
     slack: tuple[float, float] = (0.0, 0.0)
     gain: tuple[float, float] = (0.0, 0.0)
     bend: tuple[float, float] = (0.0, 0.0)
-    knee: float = 0.01
+    knee: tuple[float, float] = (0.01, 0.01)
     compliance: float | None = None
 
 
@@ -200,9 +200,9 @@ class Membrane:
         return self.gather(out)
 
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
-        """What the kernels call q: eleven numbers."""
+        """What the kernels call q: twelve numbers."""
         f = self.fabric
-        return tuple(float(v) for v in (*stiffness, *f.slack, *f.gain, *f.bend, f.knee))
+        return tuple(float(v) for v in (*stiffness, *f.slack, *f.gain, *f.bend, *f.knee))
 
     def factorise(self, state: State, shift: float = 0.0) -> Factor:
         """Factor of the state's tangent; raises NotPositiveDefiniteError."""

@@ -102,7 +102,7 @@ _AXES = ("x", "y", "z")
 _TURNS, _SHIFTS = (tuple(f"{kind}_{a}" for a in _AXES) for kind in ("rotation", "shift"))
 _FOLDS = tuple(f"{kind}{order}" for order in FOLD_ORDERS for kind in "cs")
 _DOMES = ("h0", "hx", "hy", "c2", "s2", "h2", *_FOLDS)
-_GAINS, _KNEES = ("k_x", "k_y"), ("s_x", "s_y", "knee")
+_GAINS, _KNEES = ("k_x", "k_y"), ("s_x", "s_y", "knee_x", "knee_y")
 # by degree, so that a stage is a full polynomial in all three components
 _STATE = tuple(
     f"{axis}{i}{j}" for n in range(6) for axis in _AXES for i, j in REFERENCE_MODES if i + j == n
@@ -155,7 +155,8 @@ CATALOGUE: dict[str, Effect] = {
             "stress is not linear in strain along warp and fill",
             tuple(EffectParameter(n, "1", -2.0, 8.0) for n in _GAINS)
             + tuple(EffectParameter(n, "1", -0.95, 3.0) for n in _KNEES[:2])
-            + (EffectParameter(_KNEES[2], "1", 0.001, 0.05, KNEE),),
+            # a knee below 0.4 % strain would be that of another modulus
+            + tuple(EffectParameter(n, "1", 0.004, 0.05, KNEE) for n in _KNEES[2:]),
             forms=(_GAINS, _KNEES, (*_GAINS, *_KNEES)),
             shared=True,
         ),

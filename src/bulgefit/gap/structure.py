@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bulgefit.gap.data import Data
+from bulgefit.gap.keys import has_field
 from bulgefit.gap.regress import Regression
 
 __all__ = ["Cell", "Structure", "cells_of", "structure"]
@@ -23,6 +24,11 @@ MODEL_FLOOR = 0.2
 #: Share of the variance that may persist from frame to frame: the square of what the corrected
 #: model may miss by.
 PERSISTENT = 0.3**2
+#: Degree of the polynomials in x and y that make up the smooth part of a residual.
+SMOOTH_DEGREE = 5
+#: Standard errors of a persistent share that are put down to chance, of all that is left and of
+#: its smooth part. Noise goes beyond three in 0.1 % of cases.
+CHANCE, SMOOTH_CHANCE = 4.0, 3.0
 #: Chance that noise alone looks like structure.
 LEVEL = 1e-3
 _NAMES = ("dx", "dy", "dz")
@@ -67,6 +73,10 @@ class Structure:
         Largest share of a test's noise variance that persists from frame to frame, and what noise
         and the model's own floor stay under. Noise is drawn anew for each frame; what the model
         misses is not, however fine it is in space.
+    smooth, by_chance : float
+        The persistent share of what is smooth in space (of the whole noise variance, too), and
+        what noise stays under; of the test that is furthest beyond. Few modes hold little noise,
+        so this shows weaker patterns; nothing is granted to the model's error.
     cells : list of Cell
         Largest significance first.
     """
@@ -76,37 +86,62 @@ class Structure:
     threshold: float
     persistent: float
     allowed: float
+    smooth: float
+    by_chance: float
     cells: list[Cell]
 
 
 def structure(data: Sequence[Data], fit: Regression) -> Structure:
     """Test the regional means of the residual against correlated noise."""
     cells: list[Cell] = []
-    shares = []
-    for d, p in zip(data, fit.predictions, strict=True):
+    shares, smooth_shares = [], []
+    for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
         residual = (d.specimen.measured - p.displacement) / d.sigma
         residual = np.where(d.used, residual, np.nan)
         cells += cells_of(d, residual)
-        shares.append(_persistent(d, residual))
+        residual = residual[np.argsort(d.specimen.recorded, kind="stable")]
+        # an offset of every point takes away what persists of the noise as well
+        persistent = 0.0 if has_field(fit.keys, index) else d.persistent
+        shares.append(_persistent(d, residual, persistent))
+        smooth_shares.append(_smooth(d, residual, persistent))
     persistent, allowed = max(shares, key=lambda pair: pair[0] - pair[1])
+    smooth, by_chance = max(smooth_shares, key=lambda pair: pair[0] - pair[1])
     z = np.array([c.significance for c in cells])
     statistic = float((z**2).sum())
     freedom = max(len(z) - len(fit.keys), 1)
     threshold = float(chi2.ppf(1 - LEVEL, freedom))
     cells.sort(key=lambda c: -abs(c.significance))
     significant = statistic > threshold or persistent > allowed
-    return Structure(significant, statistic, threshold, persistent, allowed, cells)
+    return Structure(
+        significant, statistic, threshold, persistent, allowed, smooth, by_chance, cells
+    )
 
 
-def _persistent(data: Data, residual: Floats) -> tuple[float, float]:
-    """Mean product of neighbouring frames' residuals (noise units), and its limit."""
-    ordered = residual[np.argsort(data.specimen.recorded, kind="stable")]
+def _persistent(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]:
+    """Mean product of neighbouring frames' residuals (noise units), and its limit.
+
+    Noise itself persists by the share `of_noise`.
+    """
     product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
     product = product[np.isfinite(product)]
     if len(product) < 100:
         return 0.0, 1.0
-    chance = 4.0 * float(np.sqrt(data.inflation / len(product)))
-    return float(product.mean()), data.persistent + PERSISTENT + chance
+    chance = CHANCE * float(np.sqrt(data.inflation / len(product)))
+    return float(product.mean()), of_noise + PERSISTENT + chance
+
+
+def _smooth(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]:
+    """As `_persistent`, of the part that polynomials over the specimen follow."""
+    x, y = data.specimen.reference[:, :2].T / data.specimen.test.radius
+    orders = [(i, n - i) for n in range(SMOOTH_DEGREE + 1) for i in range(n + 1)]
+    basis, _ = np.linalg.qr(np.stack([x**i * y**j for i, j in orders], axis=1))
+    modes = np.einsum("nk,fnc->fkc", basis, np.nan_to_num(ordered))
+    product = modes[1:] * modes[:-1]
+    per_point = basis.shape[1] / len(basis)
+    # noise that is correlated in space gathers in smooth modes
+    noise = data.inflation * per_point
+    chance = SMOOTH_CHANCE / float(np.sqrt(product.size))
+    return float(product.mean()) * per_point, noise * (of_noise + chance)
 
 
 def cells_of(data: Data, residual: Floats) -> list[Cell]:

@@ -63,7 +63,8 @@ MECHANICS = (
     "nonlinear_material.k_y",
     "nonlinear_material.s_x",
     "nonlinear_material.s_y",
-    "nonlinear_material.knee",
+    "nonlinear_material.knee_x",
+    "nonlinear_material.knee_y",
     "stiffness_gradient.g_x",
     "stiffness_gradient.g_y",
 )
@@ -124,7 +125,10 @@ def fabric_of(mesh: Mesh, radius: float, values: Mapping[str, float]) -> Fabric:
             values.get("nonlinear_material.s_x", 0.0) * values["E1"],
             values.get("nonlinear_material.s_y", 0.0) * values["E2"],
         ),
-        knee=values.get("nonlinear_material.knee", KNEE),
+        knee=(
+            values.get("nonlinear_material.knee_x", KNEE),
+            values.get("nonlinear_material.knee_y", KNEE),
+        ),
         compliance=max(values.get("clamp_slip.compliance", 0.0), LEAST_COMPLIANCE),
     )
 

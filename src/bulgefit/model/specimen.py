@@ -55,7 +55,8 @@ _STEPS = {
     "nonlinear_material.k_y": 1e-2,
     "nonlinear_material.s_x": 1e-3,
     "nonlinear_material.s_y": 1e-3,
-    "nonlinear_material.knee": 1e-5,
+    "nonlinear_material.knee_x": 1e-5,
+    "nonlinear_material.knee_y": 1e-5,
 }
 _LENGTH_STEP, _RATIO_STEP = 1e-3, 1e-5
 
@@ -132,7 +133,8 @@ class Specimen:
 
     def nulls(self) -> dict[str, float]:
         """The parameters of the baseline: everything unmodelled at its null."""
-        return {"poisson_ratio.nu12": self.test.poisson_ratio, "nonlinear_material.knee": KNEE}
+        knees = dict.fromkeys(("nonlinear_material.knee_x", "nonlinear_material.knee_y"), KNEE)
+        return {"poisson_ratio.nu12": self.test.poisson_ratio, **knees}
 
     def membrane(self, values: Mapping[str, float]) -> Membrane:
         """The membrane of a parameter set, sharing the linear solver."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from bulgefit.gap.diagnosis import Cause, Diagnosis
 from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import MOST_NAMED
 from bulgefit.gap.locate import azimuthal_modes
 from bulgefit.gap.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
@@ -180,10 +181,15 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
-    if not diagnosis.explanation.remainder.significant:
+    if len(causes) > MOST_NAMED and not diagnosis.explanation.remainder.significant:
         return (
             f"It takes {len(causes)} effects to come down to the noise, and so many can imitate "
             f"anything: {named} help, but what they stand in for is not known."
+        )
+    if not diagnosis.explanation.remainder.significant:
+        return (
+            f"{named} together come near the noise, but leave a trace of the gap's own pattern as "
+            "effects that stand in for something else do; what that is, is not known."
         )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
@@ -294,6 +300,11 @@ def _shrinkage(diagnosis: Diagnosis) -> str:
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:
     rest = diagnosis.explanation.remainder
+    if diagnosis.verdict == "unknown" and not rest.significant and rest.smooth > rest.by_chance:
+        return [
+            f"A smooth pattern of {math.sqrt(rest.smooth):.2g} noise units that keeps from frame "
+            "to frame; each place by itself is within what is granted to the model's error."
+        ]
     if not rest.significant:
         return ["Nothing that noise could not have made."]
     several = len(diagnosis.tests) > 1

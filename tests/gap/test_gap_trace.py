@@ -1,0 +1,76 @@
+"""A trace of the gap's pattern, weaker than what is granted to the model, betrays an imitation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.data import Data
+from bulgefit.gap.effects import MODULI
+from bulgefit.gap.explain import leaves_a_trace
+from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.structure import structure
+from bulgefit.model.specimen import Specimen
+
+TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
+SIGMA = np.array([0.006, 0.006, 0.012])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Noise about a model that is right, and a smooth pattern (noise units) that grows."""
+
+    data: list[Data]
+    fit: Regression
+    pattern: np.ndarray
+
+    def missing(self, size: float) -> Regression:
+        """The fit, had the model missed the pattern times a size."""
+        (p,) = self.fit.predictions
+        shifted = type(p)(p.displacement - size * self.pattern * SIGMA, p.derivative, p.shapes)
+        return Regression(**{**vars(self.fit), "predictions": [shifted]})
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    side = np.arange(-90.0, 91.0, 5.0)
+    x, y = (g.ravel() for g in np.meshgrid(side, side))
+    inside = np.hypot(x, y) < 94.0
+    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+    pressure = np.linspace(0.01, 0.25, 12)
+    blank = BulgeTest.from_arrays(points, np.zeros((12, len(points), 3)), pressure)
+    truth = Specimen(blank, refine=2).predict(TRUTH).displacement
+    noise = np.random.default_rng(3).normal(size=truth.shape) * SIGMA
+    test = BulgeTest.from_arrays(points, truth + noise, pressure)
+    data = [Data(Specimen(test, refine=2), SIGMA, np.ones(truth.shape, dtype=bool))]
+    radius = np.hypot(*points[:, :2].T) / 100.0
+    ring = 1.0 - 6.0 * radius**2 + 6.0 * radius**4
+    growth = np.linspace(1.2, 0.8, 12)
+    pattern = (growth[:, None] * ring / np.std(ring))[..., None] * np.ones(3)
+    return Scene(data, regress(data, MODULI, TRUTH), pattern)
+
+
+def test_noise_leaves_no_trace(scene: Scene) -> None:
+    found = structure(scene.data, scene.fit)
+    assert not found.significant
+    assert abs(found.smooth) < found.by_chance
+    assert not leaves_a_trace(scene.data, scene.missing(5.0), scene.fit, found)
+
+
+def test_a_pattern_within_the_models_floor_is_seen(scene: Scene) -> None:
+    """A quarter of a noise unit is no structure yet; its size is that of the smooth part."""
+    near = scene.missing(0.25)
+    found = structure(scene.data, near)
+    assert not found.significant
+    assert found.smooth == pytest.approx(0.25**2, rel=0.2)
+
+
+@pytest.mark.parametrize(("gap", "betrayed"), [(4.0, True), (20.0, False)])
+def test_a_trace_counts_beside_what_was_explained(scene: Scene, gap: float, betrayed: bool) -> None:
+    """Effects that take off a large gap may leave more: none is modelled better than to 1 %."""
+    near = scene.missing(0.25)
+    found = structure(scene.data, near)
+    assert leaves_a_trace(scene.data, scene.missing(gap), near, found) is betrayed
