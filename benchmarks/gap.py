@@ -24,10 +24,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import griddata
 
 import bulgefit
 from bulgefit.gap.effects import MODULI
+from bulgefit.gap.keys import specimen_values
 from bulgefit.gap.measure import gap_of, weight_of
+from bulgefit.gap.regress import Regression
+from bulgefit.model.camera import flattened
 from bulgefit.model.specimen import Specimen
 
 TESTS = (1, 2, 4)
@@ -41,27 +45,38 @@ def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> 
 
         write_report(found, report, force=True)
     weight = weight_of([p.data for p in found.prepared])
-    limit = max(float(p.data.specimen.recorded.max()) for p in found.prepared)
+    (field,) = (p.data.specimen for p in found.prepared)
+    limit = float(field.recorded.max())
     explanation = found.explanation
     remainder = explanation.remainder
     return {
         **found.to_dict(),
         "profiles": {
-            "before": on_profile(profile, explanation.baseline.values, weight, limit),
-            "after": on_profile(profile, explanation.final.values, weight, limit),
+            "before": on_profile(profile, explanation.baseline, field, weight, limit),
+            "after": on_profile(profile, explanation.final, field, weight, limit),
         },
         "persistent": remainder.persistent,
     }
 
 
 def on_profile(
-    path: Path, values: Mapping[str, float], weight: float, limit: float
+    path: Path, fit: Regression, field: Specimen, weight: float, limit: float
 ) -> dict[str, float]:
-    """Gap of a model on the profiles, up to the highest pressure that was diagnosed."""
+    """Gap of a model on the profiles, up to the highest pressure that was diagnosed.
+
+    Offsets of the field's points are taken linearly between them, and from the nearest outside.
+    """
     test = bulgefit.read_test(path)
     test = test.select(frames=np.flatnonzero((test.pressure <= limit) & (test.pressure > 0)))
     specimen = Specimen(test, refine=6)
-    residual = specimen.measured - specimen.predict(values).displacement
+    residual = specimen.measured - specimen.predict(specimen_values(fit.values, 0)).displacement
+    (offset,) = fit.offsets
+    if offset is not None:
+        at, known = specimen.reference[:, :2], field.reference[:, :2]
+        between = griddata(known, offset, at)
+        outside = ~np.isfinite(between)
+        between[outside] = griddata(known, offset, at, method="nearest")[outside]
+        residual = residual - flattened(specimen.recorded, fit.values)[:, None, None] * between
     return gap_of([residual], [np.ones(3)], weight)
 
 

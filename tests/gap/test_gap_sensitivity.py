@@ -40,6 +40,7 @@ EVERYTHING = {
     "fixture_motion.rotation_x": 0.1,
     "fixture_motion.shift_x": 0.1,
     "reference_state.z11": 0.2,
+    "reference_state.flattening": 0.15,
     "registration.x0": 0.7,
     "dic_scale.scale": 0.004,
     "dic_smoothing.window": 4.0,
@@ -63,7 +64,7 @@ def _keys() -> list[str]:
     keys = [*MODULI]
     for effect in CATALOGUE.values():
         if effect.id == "reference_state":
-            keys += ["reference_state.x10", "reference_state.z11"]
+            keys += [f"reference_state.{name}" for name in ("x10", "z11", "flattening")]
         else:
             keys += effect.all_keys
     return keys
@@ -157,6 +158,14 @@ def test_reference_state_is_taken_off(specimen: Specimen) -> None:
     x = specimen.reference[:, 0] / 100.0
     found = _change(specimen, reference_state__z10=0.5)
     np.testing.assert_allclose(found[..., 2], np.broadcast_to(-0.5 * x, found.shape[:2]), atol=1e-9)
+
+
+def test_pressure_flattens_the_reference_state(specimen: Specimen) -> None:
+    """Half of it is gone at the flattening pressure."""
+    whole = _change(specimen, reference_state__z10=0.5)
+    part = _change(specimen, reference_state__z10=0.5, reference_state__flattening=0.2)
+    share = np.array([1 / 2, 5 / 6, 10 / 11])  # at 0.2, 1 and 2 bar
+    np.testing.assert_allclose(part, share[:, None, None] * whole, atol=1e-9)
 
 
 def test_slack_raises_and_pretension_lowers_the_dome(specimen: Specimen) -> None:

@@ -50,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--thorough",
         action="store_true",
-        help="add up to eight effects instead of four, and try reference states as fine as 40 mm: "
-        "minutes instead of seconds, for tests with several causes",
+        help="add up to eight effects instead of four: minutes instead of seconds, for tests with "
+        "several causes",
     )
     group.add_argument(
         "--holdout",

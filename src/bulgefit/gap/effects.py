@@ -19,6 +19,7 @@ MODULI = ("E1", "E2", "G12")
 
 #: Key of the offset of every measured point.
 FIELD = "reference_state.field"
+_FLATTENING = "reference_state.flattening"
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,9 @@ class Effect:
     forms : tuple of tuple of str
         Parameters of each form that the effect may take, the most flexible last: as flexible as
         held-out data pay for. Default: all parameters.
-    field : bool
-        Whether the effect may end as an offset of every measured point. That is tried only once
-        its last form is in the model.
+    field_forms : tuple of tuple of str
+        Keys of further forms with an offset of every measured point in the place of the
+        parameters so far; tried only once the form before is in the model.
     steady : tuple of str
         Parameters whose effect is the same in every frame: an offset of every point contains it.
     shared : bool
@@ -71,7 +72,7 @@ class Effect:
     meaning: str
     parameters: tuple[EffectParameter, ...]
     forms: tuple[tuple[str, ...], ...] = ()
-    field: bool = False
+    field_forms: tuple[tuple[str, ...], ...] = ()
     steady: tuple[str, ...] = ()
     shared: bool = False
     needs_time: bool = False
@@ -205,9 +206,12 @@ CATALOGUE: dict[str, Effect] = {
             "reference_state",
             "camera",
             "the reference image shows the fabric already displaced",
-            _several(_STATE, "mm", 10.0),
+            (
+                *_several(_STATE, "mm", 10.0),
+                EffectParameter("flattening", "bar", 0.0, 0.5, 0.02),
+            ),
             forms=_stages(_STATE, 9, 18, 30, 45, 63),
-            field=True,
+            field_forms=((FIELD,), (FIELD, _FLATTENING)),
             steady=_STATE,
         ),
         Effect(

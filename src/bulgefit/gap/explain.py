@@ -8,7 +8,7 @@ from typing import Any
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD, Effect
+from bulgefit.gap.effects import Effect
 from bulgefit.gap.exchange import Evidence, evidence_of, exchanged, without_superfluous
 from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of, start_of
 from bulgefit.gap.regress import Regression, regress
@@ -23,7 +23,7 @@ from bulgefit.gap.search import (
     Search,
 )
 from bulgefit.gap.structure import Structure, structure
-from bulgefit.gap.universe import Universe, field_in_reach
+from bulgefit.gap.universe import Universe, forms_in_reach
 
 __all__ = ["Explanation", "Round", "explain", "leaves_a_trace"]
 
@@ -233,12 +233,8 @@ def _forecasts(
     """Score, effect and keys of each effect's best group by one linear step, best first."""
     out = []
     for effect in search.effects:
-        groups = effect.groups()
-        if field_in_reach(current, effect, len(search.data)):
-            groups = (*groups, (FIELD,))
         options = []
-        for group in groups:
-            keys = group_keys(group, len(search.data))
+        for keys in forms_in_reach(current, effect, len(search.data)):
             if search.grows(current, effect.id, keys) and set(columns_of(keys)) <= set(known.keys):
                 held = _forecast(search, known, current, effect.id, keys)
                 options.append((held + GAIN_PER_PARAMETER * search.size(keys), effect.id, keys))
@@ -253,7 +249,7 @@ def _forecast(
     freed = search.freed(current, effect, keys)
     gone = [k for k in current.keys if k not in freed]
     field = [k for k in keys if is_field(k)]
-    here = known.with_field(field) if field else known
+    here = known.with_field(field) if field and not known.field else known
     return here.moved({k: null_of(k, search.data) - current.values[k] for k in gone}).held_out(
         freed
     )

@@ -4,10 +4,11 @@ Near the optimum the model is linear, so leaving data out costs no further solve
 remaining data is the refit without them, and its sum of squares on what was left out is a quadratic
 form as well.
 
-An offset of every point (`FIELD`) is no column: for given parameters its best value is the mean
-residual of the point's frames, so it is taken off residuals and derivatives alike (variable
-projection; Golub and Pereyra, 1973). A fold that holds frames of a point out takes the mean of the
-point's other frames.
+An offset of every point (`FIELD`) is no column. It shows in each frame by the share h that
+pressure has flattened there (mostly all of it), so for given parameters its best value is Σhr/Σh²
+over the point's frames, and h times that is taken off residuals and derivatives alike (variable
+projection; Golub and Pereyra, 1973). A fold that holds frames of a point out takes the offset from
+the point's other frames.
 """
 
 from __future__ import annotations
@@ -20,11 +21,21 @@ from numpy.typing import NDArray
 
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, SECTORS, Data
 from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
+from bulgefit.model.camera import flattened, flattened_slope
 from bulgefit.model.specimen import Prediction
 
-__all__ = ["NormalEquations", "Quadratic", "mean_over_frames", "normal_equations"]
+__all__ = [
+    "NormalEquations",
+    "Quadratic",
+    "normal_equations",
+    "offsets_change",
+    "offsets_of",
+    "shown",
+]
 
 Floats = NDArray[np.float64]
+
+FLATTENING = "reference_state.flattening"
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +152,11 @@ def normal_equations(
         rows[:-1] *= np.array([chain_factor(n, p.shapes.values) for n in names])[
             :, None, None, None
         ]
+        if has_field(keys, index):
+            rows[:-1] += offsets_change(d, p, names) / d.sigma
         rows[:, ~d.used] = 0.0
         here = np.ix_([*places, size - 1], [*places, size - 1])
-        parts = _projected(d, rows) if has_field(keys, index) else _plain(d, rows)
+        parts = _projected(d, p, rows) if has_field(keys, index) else _plain(d, rows)
         whole[here] += parts[0]
         for fold in range(FOLDS):
             kept[fold][here] += parts[1][fold]
@@ -172,17 +185,33 @@ def _plain(data: Data, rows: Floats) -> _Parts:
     return whole, whole - held, held
 
 
-def _projected(data: Data, rows: Floats) -> _Parts:
-    """The same with the mean over each point's kept frames taken off.
+def offsets_change(data: Data, prediction: Prediction, names: Sequence[str]) -> Floats:
+    """Derivatives of what offsets of every point show in each frame, (names, frames, points, 3).
 
-    With sums S over the n kept frames of a point, the kept rows lose SSᵀ/n; the held rows, with
-    sums T over m frames, lose TSᵀ/n + STᵀ/n - m SSᵀ/n².
+    Of the parameters the flattening pressure alone changes that; at the offsets as they are for a
+    prediction without them.
+    """
+    out = np.zeros((len(names), *prediction.displacement.shape))
+    if FLATTENING in names:
+        residual = data.specimen.measured - prediction.displacement
+        offset = offsets_of(residual, data.used, shown(data, prediction))
+        slope = flattened_slope(data.specimen.recorded, prediction.shapes.values)
+        out[names.index(FLATTENING)] = slope[:, None, None] * offset
+    return out
+
+
+def _projected(data: Data, prediction: Prediction, rows: Floats) -> _Parts:
+    """The same with each point's offset over its kept frames taken off.
+
+    With sums S of h times the rows and n of h² over the kept frames of a point, the kept rows lose
+    SSᵀ/n; the held rows, with sums T and m, lose TSᵀ/n + STᵀ/n - m SSᵀ/n².
     """
     whole, kept, held = _plain(data, rows)
     blocks = data.blocks
     chosen = [blocks.block == block for block in range(FRAME_BLOCKS)]
-    sums = np.stack([rows[:, frames].sum(axis=1) for frames in chosen])
-    counts = np.stack([data.used[frames].sum(axis=0) for frames in chosen]).astype(float)
+    h = shown(data, prediction)
+    sums = np.stack([np.tensordot(h[f], rows[:, f], (0, 1)) for f in chosen])
+    counts = np.stack([np.tensordot(h[f] ** 2, data.used[f], 1) for f in chosen])
     total, number = sums.sum(axis=0), counts.sum(axis=0)
     whole = whole - _gram(total, total, _inverse(number))
     points = np.arange(rows.shape[2])
@@ -205,6 +234,15 @@ def _inverse(count: Floats) -> Floats:
     return np.divide(1.0, count, out=np.zeros_like(count), where=count > 0)
 
 
-def mean_over_frames(values: Floats, used: NDArray[np.bool_]) -> Floats:
-    """Mean of each point's used values (frames, points, 3), 0 where there are none."""
-    return np.where(used, values, 0.0).sum(axis=0) * _inverse(used.sum(axis=0).astype(float))
+def shown(data: Data, prediction: Prediction) -> Floats:
+    """Share (frames,) by which an offset of every point shows in each frame."""
+    return flattened(data.specimen.recorded, prediction.shapes.values)
+
+
+def offsets_of(residual: Floats, used: NDArray[np.bool_], share: Floats) -> Floats:
+    """Offset (points, 3) of every point that leaves least of a residual (frames, points, 3).
+
+    By the used values, where it shows by `share` (frames,); 0 where there are none.
+    """
+    total = np.tensordot(share, np.where(used, residual, 0.0), 1)
+    return total * _inverse(np.tensordot(share**2, used, 1))

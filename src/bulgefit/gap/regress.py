@@ -20,9 +20,10 @@ from bulgefit.gap.keys import bounds_of, columns_of, has_field, names_of, specim
 from bulgefit.gap.normal import (
     NormalEquations,
     Quadratic,
-    mean_over_frames,
     normal_equations,
+    offsets_of,
     scales,
+    shown,
 )
 from bulgefit.model.specimen import Prediction, Shapes
 
@@ -166,7 +167,7 @@ def regress(
         keys,
         values,
         current,
-        [_slim(p, offset) for p, offset in zip(predictions, offsets, strict=True)],
+        [_slim(d, p, offset) for (d, p), offset in zip(pairs, offsets, strict=True)],
         offsets,
         float(np.mean([d.inflation for d in data])),
         converged,
@@ -174,14 +175,17 @@ def regress(
 
 
 def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:
-    """Mean residual (mm) of each point where it is freed."""
+    """Of every point (mm), where it is freed."""
     if not has_field(keys, index):
         return None
-    return mean_over_frames(data.specimen.measured - prediction.displacement, data.used)
+    residual = data.specimen.measured - prediction.displacement
+    return offsets_of(residual, data.used, shown(data, prediction))
 
 
-def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
-    displacement = prediction.displacement if offset is None else prediction.displacement + offset
+def _slim(data: Data, prediction: Prediction, offset: Floats | None) -> Prediction:
+    displacement = prediction.displacement
+    if offset is not None:
+        displacement = displacement + shown(data, prediction)[:, None, None] * offset
     return Prediction(displacement, prediction.derivative[:0], prediction.shapes)
 
 

@@ -14,7 +14,7 @@ from bulgefit.gap.normal import NormalEquations, normal_equations
 from bulgefit.gap.regress import Regression
 from bulgefit.model.specimen import Prediction
 
-__all__ = ["Universe", "field_in_reach", "universe"]
+__all__ = ["Universe", "forms_in_reach", "universe"]
 
 
 @dataclass(eq=False)
@@ -86,14 +86,12 @@ class Universe:
 def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -> Universe:
     """Normal equations at a fit, by everything that could be freed."""
     field = tuple(k for k in fit.keys if is_field(k))
-    names = [
-        name
-        for effect in effects
-        if not effect.never_separable
-        for name in effect.groups()[-1]
-        if not (field and name in STEADY)
-    ]
-    keys = tuple(dict.fromkeys([*fit.columns, *group_keys([*MODULI, *names], len(data))]))
+    names = []
+    for effect in effects:
+        forms = [effect.groups()[-1], *(effect.field_forms if field else ())]
+        if not effect.never_separable:
+            names += [n for form in forms for n in form if not (field and n in STEADY)]
+    keys = columns_of(dict.fromkeys([*fit.columns, *group_keys([*MODULI, *names], len(data))]))
     predictions = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
         wanted, _ = names_of(keys, index, len(data) > 1)
@@ -102,7 +100,13 @@ def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -
     return Universe(keys, field, normal, fit.inflation, data, predictions)
 
 
-def field_in_reach(current: Regression, effect: Effect, count: int) -> bool:
-    """Whether an offset of every point is worth trying: smooth offsets are as fine as they get."""
-    finest = set(group_keys(effect.groups()[-1], count))
-    return effect.field and finest <= set(current.keys)
+def forms_in_reach(current: Regression, effect: Effect, count: int) -> list[tuple[str, ...]]:
+    """Keys of the forms that an effect may take beside what is in the model.
+
+    An offset of every point is worth trying once smooth offsets are as fine as they get.
+    """
+    forms = [group_keys(group, count) for group in effect.groups()]
+    for form in effect.field_forms:
+        if set(forms[-1]) <= set(current.keys):
+            forms.append(group_keys(form, count))
+    return forms

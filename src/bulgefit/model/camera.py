@@ -1,7 +1,8 @@
 """The camera's place: from displacements of the fabric to what the DIC reports.
 
 In order: average over the correlation window (`dic_smoothing`), scale (`dic_scale`), take off
-what the reference image already showed (`reference_state`), move the frame (`rigid_motion`,
+what the reference image already showed and pressure has flattened (`reference_state`), move the
+frame (`rigid_motion`,
 `fixture_motion`).
 """
 
@@ -14,7 +15,15 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-__all__ = ["CAMERA", "REFERENCE_MODES", "material_points", "reference_modes", "seen"]
+__all__ = [
+    "CAMERA",
+    "REFERENCE_MODES",
+    "flattened",
+    "flattened_slope",
+    "material_points",
+    "reference_modes",
+    "seen",
+]
 
 Floats = NDArray[np.float64]
 
@@ -26,11 +35,12 @@ REFERENCE_MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
 
 _RIGID = tuple(f"rigid_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
 _FIXTURE = tuple(f"fixture_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
+_FLATTENING = "reference_state.flattening"
 _STATE = tuple(f"reference_state.{a}{i}{j}" for a in AXES for i, j in REFERENCE_MODES)
 
 #: Parameters that move the measured points over the fabric.
 POINTS = ("registration.x0", "registration.y0", "dic_scale.scale")
-CAMERA = (*_RIGID, *_FIXTURE, *_STATE, *POINTS, "dic_smoothing.window")
+CAMERA = (*_RIGID, *_FIXTURE, *_STATE, _FLATTENING, *POINTS, "dic_smoothing.window")
 
 
 def material_points(reference: Floats, values: Mapping[str, float]) -> Floats:
@@ -47,6 +57,22 @@ def reference_modes(reference: Floats, radius: float) -> Floats:
     highest = max(sum(mode) for mode in REFERENCE_MODES)
     along_x, along_y = (legvander(reference[:, k] / radius, highest) for k in (0, 1))
     return np.stack([along_x[:, i] * along_y[:, j] for i, j in REFERENCE_MODES])
+
+
+def flattened(pressure: Floats, values: Mapping[str, float]) -> Floats:
+    """Share (frames,) of the reference state that pressure (frames,) MPa has flattened.
+
+    p/(p + p0) with p0 the `flattening` pressure (bar), at which half of it is gone; without one a
+    fabric is smooth at once.
+    """
+    bar = 10.0 * np.maximum(pressure, 1e-6)
+    return bar / (bar + values.get(_FLATTENING, 0.0))
+
+
+def flattened_slope(pressure: Floats, values: Mapping[str, float]) -> Floats:
+    """∂(flattened share)/∂p0, (frames,) 1/bar."""
+    bar = 10.0 * np.maximum(pressure, 1e-6)
+    return -bar / (bar + values.get(_FLATTENING, 0.0)) ** 2
 
 
 def _motion(values: Mapping[str, float], pressure_bar: float) -> tuple[Floats, Floats]:
@@ -73,7 +99,7 @@ def seen(
     out = (1.0 + values.get("dic_scale.scale", 0.0)) * moved
     state = _state(reference, radius, values)
     if state is not None:
-        out = out - state
+        out = out - flattened(pressure, values)[:, None, None] * state
     for k, p in enumerate(10.0 * pressure):
         turn, shift = _motion(values, p)
         if turn.any() or shift.any():
@@ -112,13 +138,19 @@ def camera_derivative(
     `dic_scale` and `registration` also move the points over the fabric; that part is the
     gradient of the field and is added by the caller.
     """
+    if name == _FLATTENING:
+        state = _state(reference, radius, values)
+        if state is None:
+            return np.zeros_like(moved)
+        change = -flattened_slope(pressure, values)[:, None, None] * state
+        return through(change / (1.0 + values.get("dic_scale.scale", 0.0)), pressure, values)
     if name.startswith("reference_state."):
         axis, mode = divmod(_STATE.index(name), len(REFERENCE_MODES))
         x_degree, y_degree = REFERENCE_MODES[mode]
         along_x = legvander(reference[:, 0] / radius, x_degree)[:, -1]
         along_y = legvander(reference[:, 1] / radius, y_degree)[:, -1]
         change = np.zeros_like(moved)
-        change[..., axis] = -along_x * along_y
+        change[..., axis] = -np.outer(flattened(pressure, values), along_x * along_y)
         scale = 1.0 + values.get("dic_scale.scale", 0.0)
         return through(change / scale, pressure, values)
     if name == "dic_scale.scale":
