@@ -208,7 +208,7 @@ CATALOGUE: dict[str, Effect] = {
             "the reference image shows the fabric already displaced",
             (
                 *_several(_STATE, "mm", 10.0),
-                EffectParameter("flattening", "bar", 0.0, 0.5, 0.02),
+                EffectParameter("flattening", "bar", 0.0, 1.0, 0.02),
             ),
             forms=_stages(_STATE, 9, 18, 30, 45, 63),
             field_forms=((FIELD,), (FIELD, _FLATTENING)),

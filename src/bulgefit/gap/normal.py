@@ -36,6 +36,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 FLATTENING = "reference_state.flattening"
+#: Share of a column's square below which offsets of the points are all there is to it.
+CONTAINED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +137,9 @@ class NormalEquations:
 
 
 def scales(h: Floats) -> Floats:
-    """Of the parameters: one over the root of the diagonal."""
-    return 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+    """Of the parameters: one over the root of the diagonal, 0 for those without effect."""
+    root = np.sqrt(np.maximum(np.diag(h), 0.0))
+    return np.divide(1.0, root, out=np.zeros_like(root), where=root > 1e-150)
 
 
 def normal_equations(
@@ -213,7 +216,10 @@ def _projected(data: Data, prediction: Prediction, rows: Floats) -> _Parts:
     sums = np.stack([np.tensordot(h[f], rows[:, f], (0, 1)) for f in chosen])
     counts = np.stack([np.tensordot(h[f] ** 2, data.used[f], 1) for f in chosen])
     total, number = sums.sum(axis=0), counts.sum(axis=0)
+    before = np.diag(whole)
     whole = whole - _gram(total, total, _inverse(number))
+    # what the offsets contain (to first order a dome at rest is one of them) leaves rounding alone
+    contained = np.diag(whole) < CONTAINED * before
     points = np.arange(rows.shape[2])
     for fold in range(FOLDS):
         block = blocks.held_block(fold)
@@ -222,6 +228,9 @@ def _projected(data: Data, prediction: Prediction, rows: Floats) -> _Parts:
         across = _gram(t, s, inverse)
         kept[fold] -= _gram(s, s, inverse)
         held[fold] -= across + across.T - _gram(s, s, m * inverse**2)
+    for matrices in (whole, kept, held):
+        matrices[..., contained, :] = 0.0
+        matrices[..., :, contained] = 0.0
     return whole, kept, held
 
 

@@ -137,7 +137,7 @@ def regress(
     current = normal_equations(data, predictions, keys)
     converged, damping = not columns, 0.0
     for _ in range(iterations if columns else 0):
-        step = _bounded_step(current.whole, values, columns, bounds, damping)
+        step = _step(current.whole, values, columns, bounds, damping)
         trial = {**values, **{k: values[k] + s for k, s in zip(columns, step, strict=True)}}
         expected = current.whole.square - current.whole.at(step)
         beyond_noise = max(current.whole.square - current.count, 0.0)
@@ -223,6 +223,22 @@ def _predict(
     return out
 
 
+def _step(
+    current: Quadratic,
+    values: Mapping[str, float],
+    keys: Sequence[str],
+    bounds: Floats,
+    damping: float,
+) -> Floats:
+    """Bounded step of the parameters that have an effect here; the others stay."""
+    moving = np.flatnonzero(scales(current.hessian)).tolist()
+    step = np.zeros(len(keys))
+    if len(moving):
+        names = [keys[i] for i in moving]
+        step[moving] = _bounded_step(current.of(moving), values, names, bounds[moving], damping)
+    return step
+
+
 def _bounded_step(
     current: Quadratic,
     values: Mapping[str, float],
@@ -239,9 +255,7 @@ def _bounded_step(
     high = np.where(moduli, np.minimum(high, 0.6 * here), high)
     low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
     scale = scales(h)
-    scaled = h * np.outer(scale, scale)
-    scaled += (damping + 1e-9) * np.eye(len(keys))
-    root = np.linalg.cholesky(scaled)
+    root = _root(h * np.outer(scale, scale) + damping * np.eye(len(keys)))
     free = scale * cho_solve((root, True), g * scale)
     if ((free >= low) & (free <= high)).all():
         return free
@@ -252,3 +266,10 @@ def _bounded_step(
         method="bvls" if len(keys) < 40 else "trf",
     )
     return np.clip(found.x * scale, low, high)
+
+
+def _root(scaled: Floats) -> Floats:
+    """Cholesky factor of a matrix with a unit diagonal, lifted above what rounding did to it."""
+    lowest = float(np.linalg.eigvalsh(scaled)[0])
+    lifted = scaled + max(1e-9, -2.0 * lowest) * np.eye(len(scaled))
+    return np.asarray(np.linalg.cholesky(lifted), dtype=np.float64)

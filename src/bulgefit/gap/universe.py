@@ -106,7 +106,10 @@ def forms_in_reach(current: Regression, effect: Effect, count: int) -> list[tupl
     An offset of every point is worth trying once smooth offsets are as fine as they get.
     """
     forms = [group_keys(group, count) for group in effect.groups()]
+    before = forms[-1]
     for form in effect.field_forms:
-        if set(forms[-1]) <= set(current.keys):
-            forms.append(group_keys(form, count))
+        keys = group_keys(form, count)
+        if set(before) <= set(current.keys):
+            forms.append(keys)
+        before = keys
     return forms
