@@ -179,7 +179,7 @@ rest are substitutions, which read the whole factor from the second cache twice,
 78 entries a cell go to scattered places."""
 
 
-#: Peers' scripts, and the times that issue 3 asks us to be faster.
+#: Peers' scripts, and how many times faster is wanted.
 PEERS = {"fenicsx": ("FEniCSx", 40), "felupe": ("felupe", 90), "calculix": ("CalculiX", None)}
 
 

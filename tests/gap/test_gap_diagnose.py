@@ -88,6 +88,29 @@ def test_without_the_true_effect_the_verdict_is_unknown() -> None:
     assert all(c.partial for c in found.causes)
 
 
+def test_creases_of_the_reference_image_are_taken_off_point_by_point() -> None:
+    """Waves of 45 mm, which no polynomial of fifth degree follows, beside a turned frame."""
+    test = made({"rigid_motion.rotation_x": 0.3}, frames=10)
+    (block,) = test.blocks
+    x, y, _ = (2 * np.pi * block.reference / 45.0).T
+    crease = np.stack([0.1 * np.sin(x + 1), 0.1 * np.cos(y), np.sin(x) * np.cos(y)], axis=1)
+    seen = block.displacement - crease
+    creased = BulgeTest.from_arrays(
+        block.reference, seen, test.pressure, static_displacement=test.static_displacement
+    )
+    found = diagnose(creased, effects=("reference_state", "rigid_motion", "clamp_slip"))
+    causes = {c.effect: c.parameters for c in found.causes}
+    assert set(causes) == {"reference_state", "rigid_motion"}
+    assert set(causes["rigid_motion"]) == {"rotation_x", "rotation_y", "rotation_z"}
+    for axis, size in zip("xyz", np.sqrt((crease**2).mean(axis=0)), strict=True):
+        assert causes["reference_state"][f"field_{axis}"]["value"] == pytest.approx(size, rel=0.1)
+    parameters = found.to_dict()["parameters"]["corrected"]
+    for name, truth in MODULI.items():
+        assert abs(parameters[name]["value"] - truth) < 4 * parameters[name]["stderr"]
+    floor, gap = found.gaps["noise_floor"], found.gaps["heldout_explained"]
+    assert gap["e_w"] < 1.25 * floor["e_w"]  # each offset carries noise of its own
+
+
 def test_noise_of_static_images_and_of_the_field_agree() -> None:
     at_rest = estimate_noise(made({}))
     np.testing.assert_allclose(at_rest.sigma, SIGMA, rtol=0.1)

@@ -133,8 +133,8 @@ def explain(
         rounds.append(found)
         if found.taken is None:
             break
-        groups[found.taken.effect] = found.taken.keys
         current = settle(found.taken.fit)
+        groups = _still_freed({**groups, found.taken.effect: found.taken.keys}, current)
         remainder = structure(data, current)
         gained = found.before - found.taken.held_out
         if not thorough and gained < LEAST_SHARE * (found.before - current.floor):
@@ -163,6 +163,12 @@ def explain(
         remainder,
         partial,
     )
+
+
+def _still_freed(groups: Groups, current: Regression) -> Groups:
+    """Groups without what an offset of every point has taken the place of."""
+    kept = {name: tuple(k for k in keys if k in current.keys) for name, keys in groups.items()}
+    return {name: keys for name, keys in kept.items() if keys}
 
 
 def leaves_a_trace(
