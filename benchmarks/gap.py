@@ -32,9 +32,12 @@ from bulgefit.gap.keys import specimen_values
 from bulgefit.gap.measure import gap_of, weight_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.camera import flattened
+from bulgefit.model.places import KNEE
 from bulgefit.model.specimen import Specimen
 
 TESTS = (1, 2, 4)
+#: Strain of the secant stiffness: half of what the tests reach.
+SECANT = 0.03
 
 
 def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> dict[str, Any]:
@@ -103,6 +106,12 @@ def page(found: Mapping[int, Mapping[str, Any]]) -> str:
             ["test", *(f"{m} alone" for m in MODULI), *(f"{m} with causes" for m in MODULI)],
             [*(_moduli_row(n, d) for n, d in found.items()), _scatter_row(found)],
         ),
+        f"With a knee in the material E1 and E2 are its first slopes. Secant stiffness along warp "
+        f"and fill at {100 * SECANT:.0f} % strain, MPa, which the moduli alone are as well:",
+        _table(
+            ["test", "warp alone", "fill alone", "warp with causes", "fill with causes"],
+            _secant_rows(found),
+        ),
     ]  # fmt: skip
     for n, d in found.items():
         parts += [f"## Test {n}", *_test_parts(d)]
@@ -141,6 +150,31 @@ def _scatter_row(found: Mapping[int, Mapping[str, Any]]) -> list[str]:
             values = [d["parameters"][part][m]["value"] for d in found.values()]
             out.append(f"{100 * np.std(values, ddof=1) / np.mean(values):.0f} %")
     return out
+
+
+def _secant_rows(found: Mapping[int, Mapping[str, Any]]) -> list[list[str]]:
+    """Stress over strain at `SECANT`, for each test, and the scatter."""
+    sides = (("E1", "x"), ("E2", "y"))
+    values = [
+        [d["parameters"]["baseline"][m]["value"] for m, _ in sides]
+        + [_secant(d, m, axis) for m, axis in sides]
+        for d in found.values()
+    ]
+    rows = [[f"{n}", *(f"{v:.1f}" for v in row)] for n, row in zip(found, values, strict=True)]
+    scatter = np.std(values, axis=0, ddof=1) / np.mean(values, axis=0)
+    return [*rows, ["scatter", *(f"{100 * s:.0f} %" for s in scatter)]]
+
+
+def _secant(d: Mapping[str, Any], modulus: str, axis: str) -> float:
+    """E (1 + k e + s (1 - κ/e atan(e/κ))), as `nonlinear_material` is defined."""
+    named = {c["effect"]: c["parameters"] for c in d["causes"]}.get("nonlinear_material", {})
+    k, s, knee = (
+        named.get(f"{name}_{axis}", {"value": null})["value"]
+        for name, null in (("k", 0.0), ("s", 0.0), ("knee", KNEE))
+    )
+    turned = knee / SECANT * np.arctan(SECANT / knee)
+    found = d["parameters"]["corrected"][modulus]["value"]
+    return float(found * (1.0 + k * SECANT + s * (1.0 - turned)))
 
 
 def _test_parts(d: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bulgefit.errors import InputError
-from bulgefit.model.camera import REFERENCE_MODES
+from bulgefit.model.camera import FLATTENING, REFERENCE_MODES
 from bulgefit.model.places import FOLD_ORDERS, KNEE
 
 __all__ = ["CATALOGUE", "FIELD", "MODULI", "STEADY", "Effect", "EffectParameter", "chosen_effects"]
@@ -19,7 +19,6 @@ MODULI = ("E1", "E2", "G12")
 
 #: Key of the offset of every measured point.
 FIELD = "reference_state.field"
-_FLATTENING = "reference_state.flattening"
 
 
 @dataclass(frozen=True)
@@ -211,7 +210,7 @@ CATALOGUE: dict[str, Effect] = {
                 EffectParameter("flattening", "bar", 0.0, 1.0, 0.02),
             ),
             forms=_stages(_STATE, 9, 18, 30, 45, 63),
-            field_forms=((FIELD,), (FIELD, _FLATTENING)),
+            field_forms=((FIELD,), (FIELD, FLATTENING)),
             steady=_STATE,
         ),
         Effect(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, SECTORS, Data
 from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
-from bulgefit.model.camera import flattened, flattened_slope
+from bulgefit.model.camera import FLATTENING, flattened, flattened_slope
 from bulgefit.model.specimen import Prediction
 
 __all__ = [
@@ -35,7 +35,6 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
-FLATTENING = "reference_state.flattening"
 #: Share of a column's square below which offsets of the points are all there is to it.
 CONTAINED = 1e-10
 

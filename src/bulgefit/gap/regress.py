@@ -112,7 +112,7 @@ def regress(
     ----------
     data : sequence of Data
     keys : sequence of str
-        Freed parameters; without any, the start is only compared.
+        Freed parameters, and offsets of points; without any, the start is only compared.
     start : mapping
         Values of the freed and of any held parameter.
     near : sequence of Shapes, optional

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 __all__ = [
     "CAMERA",
+    "FLATTENING",
     "REFERENCE_MODES",
     "flattened",
     "flattened_slope",
@@ -35,12 +36,12 @@ REFERENCE_MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
 
 _RIGID = tuple(f"rigid_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
 _FIXTURE = tuple(f"fixture_motion.{k}_{a}" for k in ("rotation", "shift") for a in AXES)
-_FLATTENING = "reference_state.flattening"
+FLATTENING = "reference_state.flattening"
 _STATE = tuple(f"reference_state.{a}{i}{j}" for a in AXES for i, j in REFERENCE_MODES)
 
 #: Parameters that move the measured points over the fabric.
 POINTS = ("registration.x0", "registration.y0", "dic_scale.scale")
-CAMERA = (*_RIGID, *_FIXTURE, *_STATE, _FLATTENING, *POINTS, "dic_smoothing.window")
+CAMERA = (*_RIGID, *_FIXTURE, *_STATE, FLATTENING, *POINTS, "dic_smoothing.window")
 
 
 def material_points(reference: Floats, values: Mapping[str, float]) -> Floats:
@@ -66,13 +67,13 @@ def flattened(pressure: Floats, values: Mapping[str, float]) -> Floats:
     fabric is smooth at once.
     """
     bar = 10.0 * np.maximum(pressure, 1e-6)
-    return bar / (bar + values.get(_FLATTENING, 0.0))
+    return bar / (bar + values.get(FLATTENING, 0.0))
 
 
 def flattened_slope(pressure: Floats, values: Mapping[str, float]) -> Floats:
     """∂(flattened share)/∂p0, (frames,) 1/bar."""
     bar = 10.0 * np.maximum(pressure, 1e-6)
-    return -bar / (bar + values.get(_FLATTENING, 0.0)) ** 2
+    return -bar / (bar + values.get(FLATTENING, 0.0)) ** 2
 
 
 def _motion(values: Mapping[str, float], pressure_bar: float) -> tuple[Floats, Floats]:
@@ -138,7 +139,7 @@ def camera_derivative(
     `dic_scale` and `registration` also move the points over the fabric; that part is the
     gradient of the field and is added by the caller.
     """
-    if name == _FLATTENING:
+    if name == FLATTENING:
         state = _state(reference, radius, values)
         if state is None:
             return np.zeros_like(moved)
