@@ -355,8 +355,10 @@ def _bias(found: Explanation, keys: Sequence[str], data: Sequence[Data]) -> dict
     """Relative error of the moduli when `keys` are held at their null, to first order."""
     final = found.final
     without = found.known.moved({k: null_of(k, data) - final.values[k] for k in keys})
-    step = without.step([k for k in final.columns if k not in keys])
-    return {m: float(step[m] / final.values[m]) for m in MODULI if m in step}
+    rest = [k for k in final.columns if k not in keys]
+    # a fit that ended at a bound still has a step to make
+    change, still = without.step(rest), found.known.step(rest)
+    return {m: float((change[m] - still[m]) / final.values[m]) for m in MODULI if m in change}
 
 
 def _warnings(prepared: Sequence[Prepared]) -> list[str]:

@@ -186,15 +186,15 @@ def evidence_of(
     for name, keys in groups.items():
         moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
         rest = [k for k in current.keys if k not in keys]
-        without = moved.held_out(rest)
+        # forecasts on both sides: at a bound, they promise what the fit may not take
+        without = held + moved.held_out(rest) - known.held_out(current.keys)
         margin = max(TIE, TIE_SHARE * (without - held))
         as_good = []
         forecasts = _forecasts(search, known, current, groups, (name,)) if rivals else iter(())
         for effect, option in _best_of_each(forecasts).items():
             # forecasts are linear: those that come near are fitted
-            if option.score > score + 3.0 * margin or search.size(option.keys) > 2 * search.size(
-                keys
-            ):
+            larger = search.size(option.keys) > 2.0 * search.size(keys)
+            if larger or option.score > score + 3.0 * margin:
                 continue
             found = _tried(search, current, groups, option)
             if found is not None and _score(search, *found) < score + margin:

@@ -236,7 +236,7 @@ def _evidence(cause: Cause) -> str:
         f"squared misfit that it found, {_percent(cause.share_of_gap)} of the whole."
     ]
     biased = [
-        f"{m} comes out {_percent(abs(b))} too {'high' if b > 0 else 'low'}"
+        f"{m} comes out {_bias(b)} too {'high' if b > 0 else 'low'}"
         for m, b in cause.bias_if_omitted.items()
         if abs(b) >= 0.005
     ]
@@ -254,6 +254,11 @@ def _evidence(cause: Cause) -> str:
     if cause.partial:
         parts.append("It is a part of the answer only.")
     return " ".join(parts)
+
+
+def _bias(share: float) -> str:
+    """The size of a modulus's error; a linear forecast reaches no farther than one half."""
+    return _percent(abs(share)) if abs(share) <= 0.5 else "by more than a half"
 
 
 def _percent(share: float) -> str:
