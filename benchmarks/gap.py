@@ -108,9 +108,9 @@ def page(found: Mapping[int, Mapping[str, Any]], options: str) -> str:
     parts = [
         "# The gap of the measured tests",
         f"Made by `python benchmarks/gap.py{options}`; Python {platform.python_version()}. Gaps "
-        "are mean absolute deviations in mm; e_w weighs dz as the fit's objective does. Held out: cells of "
-        "frames and sectors that the fit did not see. Profiles: other data of the same tests, at "
-        "full resolution, up to the same pressure.",
+        "are mean absolute deviations in mm; e_w weighs dz as the fit's objective does. Held out: "
+        "cells of frames and sectors that the fit did not see. Profiles: other data of the same "
+        "tests, at full resolution, up to the same pressure.",
         SEEN,
         "## Before and after",
         _table(
