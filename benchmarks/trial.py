@@ -21,7 +21,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from bulgefit.gap.made_draws import KNOWN
+from bulgefit.gap.made_draws import FORMS, KNOWN
 from bulgefit.gap.made_tests import Recipe
 from bulgefit.gap.scoring import report
 from bulgefit.gap.trial import run_trial, score_folder
@@ -40,6 +40,7 @@ def runs(number: int) -> dict[str, dict[str, Any]]:
             "kinds": [*KNOWN],
             "recipe": Recipe(shrink=SHRINK),
         },
+        "Creases and knees": {"number": max(1, number // 8), "kinds": [*FORMS]},
     }
 
 

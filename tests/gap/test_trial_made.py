@@ -13,7 +13,7 @@ from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.gap import made_camera, made_draws, made_fabric, made_tests
 from bulgefit.gap.made_camera import NodalField, Setting, holes, material_points, noise
-from bulgefit.gap.made_draws import FOREIGN, KINDS, KNOWN, Draw, Wave, draw, without
+from bulgefit.gap.made_draws import FOREIGN, FORMS, KINDS, KNOWN, Draw, Wave, draw, without
 from bulgefit.gap.made_fabric import FINENESS, Shapes, hexagon, softening, true_load
 from bulgefit.gap.made_tests import Recipe, make_test, noise_free
 
@@ -57,10 +57,11 @@ def test_the_dice_know_the_whole_catalogue():
 
     assert set(KNOWN) == set(CATALOGUE)
     rng = np.random.default_rng(0)
-    for effect in CATALOGUE.values():
+    for kind in (*KNOWN, *FORMS):
+        effect = CATALOGUE[FORMS[kind][0] if kind in FORMS else kind]
         ranges = {p.name: (p.lower, p.upper) for p in effect.parameters}
         for _ in range(30):
-            for key, value in draw(effect.id, rng).parameters.items():
+            for key, value in draw(kind, rng).parameters.items():
                 low, high = ranges[key.removeprefix(f"{effect.id}.")]
                 assert low <= value <= high
 
@@ -164,6 +165,26 @@ def test_reference_state_is_taken_off(setting, plain):
     wave = 0.5 * np.cos(0.01 * setting.reference[:, 0] + 0.3)
     np.testing.assert_allclose(plain[..., 2] - moved[..., 2], wave + 0 * moved[..., 2], atol=1e-9)
     np.testing.assert_allclose(height, wave, atol=1e-9)
+
+
+def test_pressure_flattens_the_reference_state(setting, plain):
+    named = {"reference_state.flattening": 0.2}
+    fabric = Draw(("reference_state",), named, (Wave(2, 0.5, 0.01, 0.0, 0.3),), MODULI)
+    height, moved = noise_free(fabric, setting, 8)
+    wave = 0.5 * np.cos(0.01 * setting.reference[:, 0] + 0.3)
+    share = np.array([1 / 2, 5 / 6, 10 / 11])  # at 0.2, 1 and 2 bar
+    np.testing.assert_allclose((plain - moved)[..., 2], np.outer(share, wave), atol=1e-9)
+    np.testing.assert_allclose(height, wave, atol=1e-9)
+
+
+def test_a_knee_softens_along_its_yarns(setting, plain):
+    """Beyond it along warp the fabric gives way by the same as with a smaller modulus there."""
+    kneed = {"nonlinear_material__s_x": -0.5, "nonlinear_material__knee_x": 1e-5}
+    softer = Draw((), {}, (), {**MODULI, "E1": 165.0, "E2": 200.0})
+    # far beyond its knee the slope is (1 + s) E; Poisson's coupling stays that of E
+    difference = seen(setting, **kneed) - noise_free(softer, setting, 8)[1]
+    change = np.abs(noise_free(softer, setting, 8)[1] - plain).max()
+    assert np.abs(difference).max() < 0.1 * change
 
 
 def test_points_that_are_shifted_and_scaled(setting):
@@ -282,7 +303,7 @@ def test_holes_wander():
 # whole tests
 
 
-@pytest.mark.parametrize("kind", ["none", "two", "prestrain", "creep", *FOREIGN])
+@pytest.mark.parametrize("kind", ["none", "two", "prestrain", "creep", *FOREIGN, *FORMS])
 def test_makes_every_kind(kind):
     made = make_test(kind, 4, SMALL)
     truth = json.loads(json.dumps(made.truth))
@@ -332,10 +353,10 @@ def test_default_size_is_that_of_a_trial():
 def test_shrunk_sizes_are_nearer_to_nothing(kind):
     large, small = (draw(kind, np.random.default_rng(7), shrink) for shrink in (1.0, 30.0))
     assert small.effects == large.effects
-    places = ("x", "y", "width", "turn", "middle", "half_width")
+    places = ("x", "y", "width", "turn", "middle", "half_width", "knee_x", "knee_y")
     for key, value in large.parameters.items():
         null = 0.24 if key == "poisson_ratio.nu12" else 0.0
-        if kind in FOREIGN and key.split(".")[1] in places:
+        if kind in (*FOREIGN, *FORMS) and key.split(".")[1] in places:
             assert small.get(key) == value
         elif value != null:
             assert 1 / 30 <= (small.get(key) - null) / (value - null) < 1

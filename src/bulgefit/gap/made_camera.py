@@ -88,7 +88,9 @@ def observe(drawn: Draw, setting: Setting, shapes: Shapes) -> tuple[Floats, Floa
     scale = 1.0 + drawn.get("dic_scale.scale")
     shown = _reference_state(drawn, setting.reference)
     start = np.column_stack([straight, scale * height]) + shown * [0.0, 0.0, 1.0]
-    seen = scale * moved - shown
+    bar = 10.0 * true_load(drawn, setting.pressure)
+    flat = bar / (bar + drawn.get("reference_state.flattening"))
+    seen = scale * moved - flat[:, None, None] * shown
     seen = _framed(drawn, setting.pressure, start, seen)
     seen = seen + _drift(drawn, setting.time)[:, None, :]
     bent = _bent(drawn, (start + seen)[..., :2], setting.radius)

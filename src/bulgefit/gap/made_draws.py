@@ -14,7 +14,18 @@ from numpy.random import Generator
 
 from bulgefit.errors import InputError
 
-__all__ = ["FOREIGN", "KINDS", "KNOWN", "Draw", "Wave", "draw", "firmer", "kind_of", "without"]
+__all__ = [
+    "FOREIGN",
+    "FORMS",
+    "KINDS",
+    "KNOWN",
+    "Draw",
+    "Wave",
+    "draw",
+    "firmer",
+    "kind_of",
+    "without",
+]
 
 #: Poisson's ratio that a made test states; the truth may differ.
 STATED_POISSON_RATIO = 0.24
@@ -26,8 +37,8 @@ _NOT_PAIRED = (
 )
 _NEARLY_SILENT = ("pressure_gain", "poisson_ratio")
 
-#: Smallest wavelength of a reference state, mm.
-_SHORTEST_WAVE = 320.0
+#: Wavelengths of a reference state, mm, and of its creases.
+_WAVES, _CREASES = (320.0, 500.0), (35.0, 80.0)
 
 
 @dataclass(frozen=True)
@@ -186,8 +197,21 @@ FOREIGN: dict[str, _Sizes] = {
     },
 }
 
+
+def _knee(rng: Generator) -> dict[str, float]:
+    slopes = {n: float(rng.uniform(-0.7, -0.3)) for n in ("s_x", "s_y")}
+    return {**slopes, **{n: float(rng.uniform(0.008, 0.02)) for n in ("knee_x", "knee_y")}}
+
+
+#: Forms of catalogue effects that the ordinary kinds do not take: the effect, and its sizes.
+FORMS: dict[str, tuple[str, _Sizes]] = {
+    # the fabric lay in creases on the reference image, and pressure flattens them by and by
+    "creases": ("reference_state", lambda rng: {"flattening": _size(rng, 0.02, 0.3)}),
+    "knee": ("nonlinear_material", _knee),
+}
+
 #: What a made test may be.
-KINDS = ("none", *KNOWN, "two", *FOREIGN)
+KINDS = ("none", *KNOWN, "two", *FOREIGN, *FORMS)
 
 
 def kind_of(effects: tuple[str, ...] | list[str]) -> str:
@@ -215,15 +239,18 @@ def draw(kind: str, rng: Generator, shrink: float = 1.0) -> Draw:
     """
     if kind not in KINDS:
         raise InputError(f"effects: {kind!r} is unknown; choose from {', '.join(KINDS)}")
-    effects = _pair(rng) if kind == "two" else () if kind == "none" else (kind,)
+    form, form_sizes = FORMS.get(kind, (kind, None))
+    effects = _pair(rng) if kind == "two" else () if kind == "none" else (form,)
     smaller = 1.0 / _size(rng, 1.0, shrink)
     parameters = {}
     for effect in effects:
-        sizes = {**KNOWN, **FOREIGN}[effect](rng)
+        sizes = (form_sizes or {**KNOWN, **FOREIGN}[effect])(rng)
         parameters.update(
             {f"{effect}.{n}": _shrunk(effect, n, v, smaller) for n, v in sizes.items()}
         )
     waves = _waves(rng, smaller) if "reference_state" in effects else ()
+    if kind == "creases":
+        waves += _waves(rng, 0.5 * smaller, _CREASES)
     moduli = {
         "E1": float(rng.uniform(280.0, 420.0)),
         "E2": float(rng.uniform(150.0, 260.0)),
@@ -254,18 +281,20 @@ def _pair(rng: Generator) -> tuple[str, ...]:
 
 def _shrunk(effect: str, name: str, value: float, factor: float) -> float:
     """A size brought towards its null; what says where the effect sits stays."""
-    if name in ("x", "y", "width", "turn", "middle", "half_width"):
+    if name in ("x", "y", "width", "turn", "middle", "half_width", "knee_x", "knee_y"):
         return value
     null = STATED_POISSON_RATIO if effect == "poisson_ratio" else 0.0
     return null + factor * (value - null)
 
 
-def _waves(rng: Generator, factor: float) -> tuple[Wave, ...]:
+def _waves(
+    rng: Generator, factor: float, lengths: tuple[float, float] = _WAVES
+) -> tuple[Wave, ...]:
     """Two waves of a component each, larger out of plane: a hanging, creased fabric."""
     out = []
     for axis, (low, high) in enumerate(((0.03, 0.2), (0.03, 0.2), (0.2, 1.0))):
         for share in (1.0, 0.5):
-            k, turn = 2 * np.pi / rng.uniform(_SHORTEST_WAVE, 500.0), rng.uniform(0, 2 * np.pi)
+            k, turn = 2 * np.pi / rng.uniform(*lengths), rng.uniform(0, 2 * np.pi)
             amplitude = share * factor * _size(rng, low, high)
             kx, ky = float(k * np.cos(turn)), float(k * np.sin(turn))
             out.append(Wave(axis, amplitude, kx, ky, float(rng.uniform(0, 2 * np.pi))))

@@ -210,6 +210,11 @@ def _membrane(
         drawn.get("nonlinear_material.k_x") * drawn.moduli["E1"],
         drawn.get("nonlinear_material.k_y") * drawn.moduli["E2"],
     )
+    bend = (
+        drawn.get("nonlinear_material.s_x") * drawn.moduli["E1"],
+        drawn.get("nonlinear_material.s_y") * drawn.moduli["E2"],
+    )
+    knee = tuple(drawn.get(f"nonlinear_material.knee_{axis}", 1.0) for axis in "xy")
     slips = "clamp_slip" in drawn.effects
     sector = "slipping_sector" in drawn.effects
     membrane = Membrane(
@@ -221,6 +226,8 @@ def _membrane(
             thickness=_thickness(drawn, mesh, radius),
             slack=slack,
             gain=gain,
+            bend=bend,
+            knee=(knee[0], knee[1]),
             compliance=drawn.get("clamp_slip.compliance") if slips or sector else None,
         ),
         like=like,
