@@ -96,11 +96,11 @@ displacement carries them with the opposite sign ever after (`reference_state`, 
 every point; where it pays, with the pressure that flattens them). The rest changes with pressure:
 the fabric starts much stiffer than it goes on, along warp above all (`nonlinear_material`, a knee
 at 1 to 2 % strain, as coated fabrics have it), the clamp moves and tilts with pressure
-(`fixture_motion`), and values are means over a window somewhat wider than the bins that the fields
-were averaged in (`dic_smoothing`, found alike on all three). The smaller effects differ from test
-to test and are like each other in this data; together they can stand in for something else, so the
-verdict stays `unknown`. What is left runs in bands along x that turn their sign between low and
-high pressure."""
+(`fixture_motion`), and the values are means over a window as wide as the bins that the fields were
+averaged in (`dic_smoothing`, where it was taken). The smaller effects differ from test to test and
+are like each other in this data; together they can stand in for something else, so the verdict
+stays `unknown`. What is left runs in bands along x that turn their sign between low and high
+pressure."""
 
 
 def page(found: Mapping[int, Mapping[str, Any]], options: str) -> str:
@@ -230,8 +230,8 @@ def _test_parts(d: Mapping[str, Any]) -> list[str]:
         bound = "; at the edge of what is plausible" if c["at_bound"] else ""
         parts.append(
             f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
-            f"Takes {100 * c['heldout_reduction']:.0f} % of the held-out sum of squares, to first "
-            "order."
+            f"Takes {100 * max(c['heldout_reduction'], 0.0):.0f} % of the held-out sum of squares "
+            "that the others leave, to first order."
         )
     return parts
 

@@ -234,6 +234,8 @@ def _evidence(cause: Cause) -> str:
     parts = [
         f"On data that was not fitted it takes off {_percent(cause.heldout_reduction)} of the "
         f"squared misfit that it found, {_percent(cause.share_of_gap)} of the whole."
+        if cause.heldout_reduction > 0.0
+        else "On data that was not fitted the others would do as well without it."
     ]
     biased = [
         f"{m} comes out {_bias(b)} too {'high' if b > 0 else 'low'}"
