@@ -59,8 +59,8 @@ def page(rows: list[list[str]], workers: int) -> str:
             [
                 "# How long a diagnosis takes",
                 f"Made by `python benchmarks/diagnosis.py`; Python {platform.python_version()}, "
-                f"{workers} workers on {os.cpu_count()} cores, kernels compiled. The whole catalogue"
-                f" is tried; wall time of one diagnosis (wanted: {WANTED_SECONDS} s).",
+                f"{workers} workers on {os.cpu_count()} cores, kernels compiled. Wall time of one "
+                f"diagnosis over the whole catalogue (wanted: {WANTED_SECONDS} s).",
                 "\n".join("| " + " | ".join(line) + " |" for line in lines),
             ]
         )
