@@ -49,28 +49,26 @@ def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> 
         write_report(found, report, force=True)
     weight = weight_of([p.data for p in found.prepared])
     (field,) = (p.data.specimen for p in found.prepared)
-    limit = float(field.recorded.max())
     explanation = found.explanation
     remainder = explanation.remainder
     return {
         **found.to_dict(),
         "profiles": {
-            "before": on_profile(profile, explanation.baseline, field, weight, limit),
-            "after": on_profile(profile, explanation.final, field, weight, limit),
+            "before": on_profile(profile, explanation.baseline, field, weight),
+            "after": on_profile(profile, explanation.final, field, weight),
         },
         "persistent": remainder.persistent,
     }
 
 
-def on_profile(
-    path: Path, fit: Regression, field: Specimen, weight: float, limit: float
-) -> dict[str, float]:
-    """Gap of a model on the profiles, up to the highest pressure that was diagnosed.
+def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> dict[str, float]:
+    """Gap of a model on the profiles, over the pressures that were diagnosed.
 
     Offsets of the field's points are taken linearly between them, and from the nearest outside.
     """
     test = bulgefit.read_test(path)
-    test = test.select(frames=np.flatnonzero((test.pressure <= limit) & (test.pressure > 0)))
+    low, high = field.recorded.min(), field.recorded.max()
+    test = test.select(frames=np.flatnonzero((test.pressure >= low) & (test.pressure <= high)))
     specimen = Specimen(test, refine=6)
     residual = specimen.measured - specimen.predict(specimen_values(fit.values, 0)).displacement
     (offset,) = fit.offsets
@@ -110,7 +108,7 @@ def page(found: Mapping[int, Mapping[str, Any]], options: str) -> str:
         f"Made by `python benchmarks/gap.py{options}`; Python {platform.python_version()}. Gaps "
         "are mean absolute deviations in mm; e_w weighs dz as the fit's objective does. Held out: "
         "cells of frames and sectors that the fit did not see. Profiles: other data of the same "
-        "tests, at full resolution, up to the same pressure.",
+        "tests, at full resolution and every recorded frame, over the same pressures.",
         SEEN,
         "## Before and after",
         _table(
