@@ -20,15 +20,15 @@ import platform
 import sys
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import griddata
+from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
 from bulgefit.gap.effects import MODULI
-from bulgefit.gap.keys import specimen_values
 from bulgefit.gap.measure import gap_of, weight_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.camera import flattened
@@ -64,13 +64,22 @@ def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> 
 def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> dict[str, float]:
     """Gap of a model on the profiles, over the pressures that were diagnosed.
 
+    The shapes are those that the diagnosis balanced, between its frames by a spline in p^(1/3).
     Offsets of the field's points are taken linearly between them, and from the nearest outside.
     """
     test = bulgefit.read_test(path)
     low, high = field.recorded.min(), field.recorded.max()
     test = test.select(frames=np.flatnonzero((test.pressure >= low) & (test.pressure <= high)))
-    specimen = Specimen(test, refine=6)
-    residual = specimen.measured - specimen.predict(specimen_values(fit.values, 0)).displacement
+    specimen = Specimen(test, refine=field.refine)
+    (prediction,) = fit.predictions
+    order = np.argsort(field.recorded)
+    spline = CubicSpline(
+        np.cbrt(field.recorded[order]), prediction.shapes.displacement[order], axis=0
+    )
+    between_frames = replace(
+        prediction.shapes, displacement=spline(np.cbrt(specimen.recorded)), derivative={}
+    )
+    residual = specimen.measured - specimen.observe(between_frames).displacement
     (offset,) = fit.offsets
     if offset is not None:
         at, known = specimen.reference[:, :2], field.reference[:, :2]
