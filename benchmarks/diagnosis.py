@@ -75,7 +75,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--write", type=Path, help="Markdown file")
     args = parser.parse_args()
-    bulgefit.diagnose(make_test("none", args.seed, Recipe(8, 13.0, 8)).test)  # loads the kernels
+    bulgefit.diagnose(make_test("none", args.seed, Recipe(12, 8.0)).test)  # loads the kernels
     rows = [timed(kind, args.seed + k, args.workers) for k, kind in enumerate(KINDS)]
     text = page(rows, args.workers)
     if args.write:
