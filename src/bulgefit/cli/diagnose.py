@@ -114,11 +114,11 @@ def run(args: argparse.Namespace) -> int:
         )
     if args.json is not None:
         _common.write_json(found.to_dict(), args.json, args.force)
-    if not _common.prints_json(args):
-        print(report_text(found))
-    if args.report is not None:
+    if args.report is not None:  # before what a closed pipe may end
         files = write_report(found, args.report, force=args.force)
         _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
+    if not _common.prints_json(args):
+        print(report_text(found))
     return 0
 
 
