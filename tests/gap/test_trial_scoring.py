@@ -57,6 +57,7 @@ SLIP, PRE = ("clamp_slip",), ("prestrain",)
         (record(("soft_patch",), "named", SLIP, kind="foreign"), False),
         (record(SLIP, "unknown", PRE, struck=SLIP), True),
         (record(SLIP, "named", PRE, struck=SLIP), False),
+        (record(("poisson_ratio",), "unknown", PRE, struck=("poisson_ratio",)), True),
         (record(("dic_scale",), "named", ("clamp_shape",), struck=("dic_scale",)), True),
         (record(("rigid_motion",), "named", ("reference_state",)), False),
         (record(SLIP, "failed", error="broke"), False),

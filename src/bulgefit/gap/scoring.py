@@ -61,7 +61,7 @@ def is_right(record: Record) -> bool:
     loud = [e for e in truth["effects"] if e not in SILENT]
     if not loud and verdict == "none":
         return True
-    struck = [e for e in loud if e in record["struck"]]
+    struck = [e for e in truth["effects"] if e in record["struck"]]
     if struck:
         return verdict == "unknown" or _covers(
             [s for e in struck for s in SAME_AS.get(e, ())], (), answer
