@@ -2,37 +2,25 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.exchange import evidence_of, exchanged
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search
 from bulgefit.gap.universe import universe
-from bulgefit.model.specimen import Specimen
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0, "pressure_offset.offset": 0.03}
-SIGMA = np.array([0.006, 0.006, 0.012])
 EFFECTS = [CATALOGUE[e] for e in ("pressure_offset", "rigid_motion", "reference_state")]
 SHIFT = tuple(f"rigid_motion.shift_{a}" for a in "xyz")
 
 
 @pytest.fixture(scope="module")
-def data() -> list[Data]:
-    """Made by the model itself: its mesh plays no part here."""
-    side = np.arange(-90.0, 91.0, 9.0)
-    x, y = (g.ravel() for g in np.meshgrid(side, side))
-    inside = np.hypot(x, y) < 94.0
-    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
-    pressure = np.linspace(0.01, 0.25, 8)
-    blank = BulgeTest.from_arrays(points, np.zeros((8, len(points), 3)), pressure)
-    truth = Specimen(blank, refine=2).predict(TRUTH).displacement
-    noise = np.random.default_rng(5).normal(size=truth.shape) * SIGMA
-    test = BulgeTest.from_arrays(points, truth + noise, pressure)
-    return [Data(Specimen(test, refine=2), SIGMA, np.ones(truth.shape, dtype=bool))]
+def data(made_by_the_model: Callable[..., Data]) -> list[Data]:
+    return [made_by_the_model(TRUTH, spacing=9.0, frames=8, seed=5)]
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -18,11 +20,8 @@ EFFECTS = [e for e in CATALOGUE.values() if e.id not in ("creep", "reference_sta
 
 
 @pytest.fixture(scope="module")
-def known() -> Universe:
-    side = np.arange(-90.0, 91.0, 6.0)
-    x, y = (g.ravel() for g in np.meshgrid(side, side))
-    inside = np.hypot(x, y) < 95.0
-    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
+def known(grid: Callable[..., np.ndarray]) -> Universe:
+    points = grid(6.0, 95.0)
     pressure = np.concatenate([[0.003], np.linspace(0.015, 0.27, 13)])
     test = BulgeTest.from_arrays(points, np.zeros((14, len(points), 3)), pressure)
     specimen = Specimen(test)

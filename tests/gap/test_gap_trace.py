@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import leaves_a_trace
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
-from bulgefit.model.specimen import Specimen
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
-SIGMA = np.array([0.006, 0.006, 0.012])
 
 
 @dataclass(frozen=True)
@@ -30,22 +28,16 @@ class Scene:
     def missing(self, size: float) -> Regression:
         """The fit, had the model missed the pattern times a size."""
         (p,) = self.fit.predictions
-        shifted = type(p)(p.displacement - size * self.pattern * SIGMA, p.derivative, p.shapes)
+        shifted = type(p)(
+            p.displacement - size * self.pattern * self.data[0].sigma, p.derivative, p.shapes
+        )
         return Regression(**{**vars(self.fit), "predictions": [shifted]})
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
-    side = np.arange(-90.0, 91.0, 5.0)
-    x, y = (g.ravel() for g in np.meshgrid(side, side))
-    inside = np.hypot(x, y) < 94.0
-    points = np.column_stack([x[inside], y[inside], np.zeros(inside.sum())])
-    pressure = np.linspace(0.01, 0.25, 12)
-    blank = BulgeTest.from_arrays(points, np.zeros((12, len(points), 3)), pressure)
-    truth = Specimen(blank, refine=2).predict(TRUTH).displacement
-    noise = np.random.default_rng(3).normal(size=truth.shape) * SIGMA
-    test = BulgeTest.from_arrays(points, truth + noise, pressure)
-    data = [Data(Specimen(test, refine=2), SIGMA, np.ones(truth.shape, dtype=bool))]
+def scene(made_by_the_model: Callable[..., Data]) -> Scene:
+    data = [made_by_the_model(TRUTH, spacing=5.0, frames=12, seed=3)]
+    points = data[0].specimen.reference
     radius = np.hypot(*points[:, :2].T) / 100.0
     ring = 1.0 - 6.0 * radius**2 + 6.0 * radius**4
     growth = np.linspace(1.2, 0.8, 12)

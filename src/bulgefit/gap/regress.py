@@ -137,7 +137,7 @@ def regress(
     current = normal_equations(data, predictions, keys)
     converged, damping = not columns, 0.0
     for _ in range(iterations if columns else 0):
-        step = _step(current.whole, values, columns, bounds, damping)
+        step = _bounded_step(current.whole, values, columns, bounds, damping)
         trial = {**values, **{k: values[k] + s for k, s in zip(columns, step, strict=True)}}
         expected = current.whole.square - current.whole.at(step)
         beyond_noise = max(current.whole.square - current.count, 0.0)
@@ -223,22 +223,6 @@ def _predict(
     return out
 
 
-def _step(
-    current: Quadratic,
-    values: Mapping[str, float],
-    keys: Sequence[str],
-    bounds: Floats,
-    damping: float,
-) -> Floats:
-    """Bounded step of the parameters that have an effect here; the others stay."""
-    moving = np.flatnonzero(scales(current.hessian)).tolist()
-    step = np.zeros(len(keys))
-    if len(moving):
-        names = [keys[i] for i in moving]
-        step[moving] = _bounded_step(current.of(moving), values, names, bounds[moving], damping)
-    return step
-
-
 def _bounded_step(
     current: Quadratic,
     values: Mapping[str, float],
@@ -246,7 +230,10 @@ def _bounded_step(
     bounds: Floats,
     damping: float,
 ) -> Floats:
-    """Damped Gauss-Newton step that stays in the bounds; a modulus changes by half at most."""
+    """Damped Gauss-Newton step that stays in the bounds; a modulus changes by half at most.
+
+    What has no effect here, and so a scale of zero, stays.
+    """
     h, g = current.hessian, current.gradient
     here = np.array([values[key] for key in keys])
     low, high = bounds[:, 0] - here, bounds[:, 1] - here
@@ -259,10 +246,12 @@ def _bounded_step(
     free = scale * cho_solve((root, True), g * scale)
     if ((free >= low) & (free <= high)).all():
         return free
+    with np.errstate(divide="ignore"):
+        bounds = np.array([low / scale, high / scale])
     found = lsq_linear(
         root.T,
         np.linalg.solve(root, g * scale),
-        bounds=(low / scale, high / scale),
+        bounds=bounds,
         method="bvls" if len(keys) < 40 else "trf",
     )
     return np.clip(found.x * scale, low, high)
