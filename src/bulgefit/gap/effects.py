@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from bulgefit.errors import InputError
 from bulgefit.model.camera import FLATTENING, REFERENCE_MODES
-from bulgefit.model.places import FOLD_ORDERS, KNEE
+from bulgefit.model.places import FOLD_ORDERS
 
 __all__ = ["CATALOGUE", "FIELD", "MODULI", "STEADY", "Effect", "EffectParameter", "chosen_effects"]
 
@@ -33,7 +33,8 @@ class EffectParameter:
     lower, upper : float
         Plausible range.
     start : float
-        Where a fit starts; not the null where the effect is of second order there.
+        Where a fit starts; not the null where the effect is of second order there. On either side
+        of the null, where both are plausible.
     """
 
     name: str
@@ -154,9 +155,10 @@ CATALOGUE: dict[str, Effect] = {
             "material",
             "stress is not linear in strain along warp and fill",
             tuple(EffectParameter(n, "1", -2.0, 8.0) for n in _GAINS)
-            + tuple(EffectParameter(n, "1", -0.95, 3.0) for n in _KNEES[:2])
+            # from no change of slope at all, a fit does not find where the knee is
+            + tuple(EffectParameter(n, "1", -0.95, 3.0, 0.3) for n in _KNEES[:2])
             # a knee below 0.4 % strain would be that of another modulus
-            + tuple(EffectParameter(n, "1", 0.004, 0.05, KNEE) for n in _KNEES[2:]),
+            + tuple(EffectParameter(n, "1", 0.004, 0.05, 0.015) for n in _KNEES[2:]),
             forms=(_GAINS, _KNEES, (*_GAINS, *_KNEES)),
             shared=True,
         ),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import chain, combinations
 
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.keys import group_keys, null_of, start_of
+from bulgefit.gap.keys import group_keys, null_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
@@ -56,7 +56,8 @@ class Evidence:
 class _Exchange:
     """Effects that leave, the one that comes with its keys, and forecasts.
 
-    `score` with it in their place, `without` the held-out sum of squares with nothing there.
+    `score` with it in their place, `without` the held-out sum of squares with nothing there, where
+    `known` is everything that could be freed.
     """
 
     leaving: tuple[str, ...]
@@ -64,6 +65,7 @@ class _Exchange:
     keys: tuple[str, ...]
     score: float
     without: float
+    known: Universe
 
 
 def without_superfluous(
@@ -152,7 +154,7 @@ def _forecasts(
                 continue  # out of reach
             held = moved.held_out([*rest, *keys])
             cost = GAIN_PER_PARAMETER * (staying + search.size(keys))
-            yield _Exchange(tuple(leaving), effect.id, keys, held + cost, without)
+            yield _Exchange(tuple(leaving), effect.id, keys, held + cost, without, moved)
 
 
 def _tried(
@@ -161,9 +163,9 @@ def _tried(
     """The fit with the exchange made; None where nothing balances."""
     search.say(f"{option.effect} in the place of {' + '.join(option.leaving)}")
     dropped = {k for name in option.leaving for k in groups[name]}
-    start = {k: v for k, v in current.values.items() if k not in dropped}
-    start.update({k: start_of(k, search.data) for k in option.keys})
     keys = (*(k for k in current.keys if k not in dropped), *option.keys)
+    start = {k: v for k, v in current.values.items() if k not in dropped}
+    start.update(option.known.starts(keys, option.keys))
     try:
         fit = regress(search.data, keys, start, [p.shapes for p in current.predictions])
     except (SolveError, InputError):

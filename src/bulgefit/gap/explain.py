@@ -10,7 +10,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import Effect
 from bulgefit.gap.exchange import Evidence, evidence_of, exchanged, without_superfluous
-from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of, start_of
+from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
@@ -310,7 +310,7 @@ def _refit(
     gone = set(current.keys) - set(freed)
     start = {k: v for k, v in current.values.items() if k not in gone}
     new = [k for k in freed if k not in current.keys]
-    start.update({k: start_of(k, search.data) for k in new})
+    start.update(known.starts(freed, new))
     at_null = not gone and all(start[k] == null_of(k, search.data) for k in new)
     near = [p.shapes for p in current.predictions]
     try:

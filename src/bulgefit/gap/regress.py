@@ -98,6 +98,20 @@ class Regression:
         return dict(zip(self.columns, np.sqrt(np.diag(self.covariance())), strict=True))
 
 
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Parameters, what the model predicts by them, and the normal equations there."""
+
+    values: dict[str, float]
+    predictions: list[Prediction]
+    normal: NormalEquations
+
+    @property
+    def square(self) -> float:
+        """Sum of squared residuals."""
+        return self.normal.whole.square
+
+
 def regress(
     data: Sequence[Data],
     keys: Sequence[str],
@@ -134,44 +148,68 @@ def regress(
     for key, (low, high) in zip(columns, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
     predictions = list(known) if known is not None else _predict(data, keys, values, near)
-    current = normal_equations(data, predictions, keys)
-    converged, damping = not columns, 0.0
-    for _ in range(iterations if columns else 0):
-        step = _bounded_step(current.whole, values, columns, bounds, damping)
-        trial = {**values, **{k: values[k] + s for k, s in zip(columns, step, strict=True)}}
-        expected = current.whole.square - current.whole.at(step)
-        beyond_noise = max(current.whole.square - current.count, 0.0)
-        if expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
-            converged = True
-            break
-        gained = -np.inf
-        try:
-            there = _predict(data, keys, trial, [p.shapes for p in predictions])
-            if _destabilised(predictions, there):
-                _hold_shear(bounds, columns, values)
-            else:
-                new = normal_equations(data, there, keys)
-                gained = current.whole.square - new.whole.square
-        except (SolveError, InputError):
-            pass  # no equilibrium there: a shorter step
-        if gained > 0.0:
-            values, predictions, current = trial, there, new
-            damping = _relaxed(damping) if gained > 0.5 * expected else damping
-        else:
-            damping = max(_FIRMER * damping, _LEAST_DAMPING)
-            if damping > 1e4:
-                break
-    pairs = list(zip(data, predictions, strict=True))
+    here = _Point(values, predictions, normal_equations(data, predictions, keys))
+    converged = not columns
+    if columns:
+        here, converged = _descended(data, keys, here, bounds, iterations)
+    pairs = list(zip(data, here.predictions, strict=True))
     offsets = [_offset(d, p, keys, index) for index, (d, p) in enumerate(pairs)]
     return Regression(
         keys,
-        values,
-        current,
+        here.values,
+        here.normal,
         [_slim(d, p, offset) for (d, p), offset in zip(pairs, offsets, strict=True)],
         offsets,
         float(np.mean([d.inflation for d in data])),
         converged,
     )
+
+
+def _descended(
+    data: Sequence[Data], keys: tuple[str, ...], here: _Point, bounds: Floats, iterations: int
+) -> tuple[_Point, bool]:
+    """The lowest point found in so many steps, and whether no step promises to lead lower."""
+    columns = columns_of(keys)
+    damping = 0.0
+    left: _Point | None = None  # the lowest point, while a step uphill is given one more
+    for _ in range(iterations):
+        step = _bounded_step(here.normal.whole, here.values, columns, bounds, damping)
+        expected = here.square - here.normal.whole.at(step)
+        beyond_noise = max(here.square - here.normal.count, 0.0)
+        if left is None and expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
+            return here, True
+        there = _stepped(data, keys, here, step, bounds)
+        lowest = left or here
+        if there is not None and there.square < lowest.square:
+            if left is None and here.square - there.square > 0.5 * expected:
+                damping = _relaxed(damping)
+            here, left = there, None
+        elif there is not None and left is None and damping == 0.0:
+            # a full step across a bend of a narrow valley leads uphill, the next one down again
+            # (the watchdog technique of Chamberlain et al., 1982)
+            here, left = there, here
+        else:
+            here, left = lowest, None
+            damping = max(_FIRMER * damping, _LEAST_DAMPING)
+            if damping > 1e4:
+                break
+    return left or here, False
+
+
+def _stepped(
+    data: Sequence[Data], keys: tuple[str, ...], here: _Point, step: Floats, bounds: Floats
+) -> _Point | None:
+    """The point a step ahead; None where nothing balances there, or not in a stable way."""
+    columns = columns_of(keys)
+    values = {**here.values, **{k: here.values[k] + s for k, s in zip(columns, step, strict=True)}}
+    try:
+        there = _predict(data, keys, values, [p.shapes for p in here.predictions])
+        if _destabilised(here.predictions, there):
+            _hold_shear(bounds, columns, here.values)
+            return None
+        return _Point(values, there, normal_equations(data, there, keys))
+    except (SolveError, InputError):
+        return None
 
 
 def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:

@@ -9,7 +9,16 @@ import numpy as np
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI, STEADY, Effect
-from bulgefit.gap.keys import columns_of, group_keys, is_field, names_of, specimen_values
+from bulgefit.gap.keys import (
+    bounds_of,
+    columns_of,
+    group_keys,
+    is_field,
+    names_of,
+    null_of,
+    specimen_values,
+    start_of,
+)
 from bulgefit.gap.normal import NormalEquations, normal_equations
 from bulgefit.gap.regress import Regression
 from bulgefit.model.specimen import Prediction
@@ -71,6 +80,20 @@ class Universe:
         """Linear step of `keys` to the optimum, all others held."""
         index = [self.keys.index(key) for key in keys]
         return dict(zip(keys, self.normal.of(index).whole.step().tolist(), strict=True))
+
+    def starts(self, freed: Iterable[str], new: Iterable[str]) -> dict[str, float]:
+        """Where a fit of `new` keys beside the others that are freed starts.
+
+        Where a start is off the null and both sides are plausible, it is on the linear step's side.
+        """
+        step = self.step(columns_of(freed))
+        out = {}
+        for key in new:
+            out[key] = start = start_of(key, self.data)
+            mirrored = 2.0 * null_of(key, self.data) - start
+            if (start - mirrored) * step.get(key, 0.0) < 0.0 and mirrored >= bounds_of(key)[0]:
+                out[key] = mirrored
+        return out
 
     def at(self, keys: Sequence[str]) -> list[Prediction]:
         """The predictions with derivatives by `keys` alone."""

@@ -1,0 +1,41 @@
+"""Where fits of freed effects start: a knee of the material is found from either side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from bulgefit.gap.data import Data
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.regress import regress
+from bulgefit.gap.universe import universe
+
+KNEE = CATALOGUE["nonlinear_material"].groups()[1]
+MATERIAL = {"E1": 340.0, "E2": 210.0, "G12": 14.0}
+
+
+@pytest.mark.parametrize("change", [(-0.6, -0.4), (0.9, 0.6)], ids=["softer", "stiffer"])
+def test_a_knee_is_found_beyond_the_linear_step(
+    made_by_the_model: Callable[..., Data], change: tuple[float, float]
+) -> None:
+    truth = {**MATERIAL, **dict(zip(KNEE, (*change, 0.011, 0.016), strict=True))}
+    data = [made_by_the_model(truth, spacing=12.0, frames=10, seed=3)]
+    baseline = regress(data, MODULI, MATERIAL)
+    freed = (*MODULI, *KNEE)
+    start = universe(data, baseline, [CATALOGUE["nonlinear_material"]]).starts(freed, KNEE)
+    assert [start[k] * s > 0.0 for k, s in zip(KNEE, change, strict=False)] == [True, True]
+    fit = regress(data, freed, {**baseline.values, **start})
+    assert fit.converged
+    assert fit.values == pytest.approx(truth, rel=0.1)
+    assert fit.chi_square < 1.05 * fit.normal.count
+
+
+def test_a_start_stays_where_only_one_side_is_plausible(
+    made_by_the_model: Callable[..., Data],
+) -> None:
+    slip = CATALOGUE["clamp_slip"]
+    data = [made_by_the_model(MATERIAL, spacing=15.0, frames=6, seed=1)]
+    known = universe(data, regress(data, MODULI, MATERIAL), [slip])
+    (key,) = slip.all_keys
+    assert known.starts((*MODULI, key), (key,)) == {key: slip.parameters[0].start}
