@@ -26,7 +26,7 @@ from bulgefit.gap.made_tests import Recipe, make_test
 
 KINDS = ("none", "clamp_slip", "rigid_motion", "knee", "two", "soft_patch", "camera_bend")
 #: Spacing (mm) that gives some 2,000 points.
-RECIPE = Recipe(frames=20, spacing=3.75)
+RECIPE = Recipe(frames=20, spacing=3.85)
 WANTED_SECONDS = 60
 
 

@@ -178,17 +178,22 @@ def _descended(
         beyond_noise = max(here.square - here.normal.count, 0.0)
         if left is None and expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
             return here, True
-        there = _stepped(data, keys, here, step, bounds)
+        there = _stepped(data, keys, here, step)
         lowest = left or here
-        if there is not None and there.square < lowest.square:
+        softer = dict(zip(columns, step, strict=True)).get("G12", 0.0) < 0.0
+        lost = there is not None and _destabilised(lowest.predictions, there.predictions)
+        if there is not None and there.square < lowest.square and not lost:
             if left is None and here.square - there.square > 0.5 * expected:
                 damping = _relaxed(damping)
             here, left = there, None
-        elif there is not None and left is None and damping == 0.0:
+        elif there is not None and left is None and damping == 0.0 and not (lost and softer):
             # a full step across a bend of a narrow valley leads uphill, the next one down again
-            # (the watchdog technique of Chamberlain et al., 1982)
+            # (the watchdog technique of Chamberlain et al., 1982); one away from soft shear may
+            # meet instability on its way
             here, left = there, here
         else:
+            if lost:
+                _hold_shear(bounds, columns, lowest.values)
             here, left = lowest, None
             damping = max(_FIRMER * damping, _LEAST_DAMPING)
             if damping > 1e4:
@@ -197,19 +202,16 @@ def _descended(
 
 
 def _stepped(
-    data: Sequence[Data], keys: tuple[str, ...], here: _Point, step: Floats, bounds: Floats
+    data: Sequence[Data], keys: tuple[str, ...], here: _Point, step: Floats
 ) -> _Point | None:
-    """The point a step ahead; None where nothing balances there, or not in a stable way."""
-    columns = columns_of(keys)
-    values = {**here.values, **{k: here.values[k] + s for k, s in zip(columns, step, strict=True)}}
+    """The point a step ahead; None where nothing balances there."""
+    moved = {k: here.values[k] + s for k, s in zip(columns_of(keys), step, strict=True)}
+    values = {**here.values, **moved}
     try:
         there = _predict(data, keys, values, [p.shapes for p in here.predictions])
-        if _destabilised(here.predictions, there):
-            _hold_shear(bounds, columns, here.values)
-            return None
-        return _Point(values, there, normal_equations(data, there, keys))
     except (SolveError, InputError):
         return None
+    return _Point(values, there, normal_equations(data, there, keys))
 
 
 def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:
@@ -268,7 +270,7 @@ def _bounded_step(
     bounds: Floats,
     damping: float,
 ) -> Floats:
-    """Damped Gauss-Newton step that stays in the bounds; a modulus changes by half at most.
+    """Damped Gauss-Newton step that stays in the bounds; a modulus grows to threefold at most.
 
     What has no effect here, and so a scale of zero, stays.
     """
@@ -277,7 +279,7 @@ def _bounded_step(
     low, high = bounds[:, 0] - here, bounds[:, 1] - here
     moduli = np.array([key in MODULI for key in keys])
     low = np.where(moduli, np.maximum(low, -0.4 * here), low)
-    high = np.where(moduli, np.minimum(high, 0.6 * here), high)
+    high = np.where(moduli, np.minimum(high, 2.0 * here), high)
     low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
     scale = scales(h)
     root = _root(h * np.outer(scale, scale) + damping * np.eye(len(keys)))
