@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
 from bulgefit.fem import lapack
-from bulgefit.fem.banded import PANEL, multiply, substitute
+from bulgefit.fem.banded import multiply, stored_height, substitute
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -119,7 +119,8 @@ class BandedCholesky:
         self.size = int(free.sum())
         kept = (row >= 0) & (column >= 0)
         below = np.abs(row - column)
-        self._height = int(below[kept].max(initial=0)) + 1
+        self._below = int(below[kept].max(initial=0))
+        self._height = stored_height(self._below)
         self.length = self._height * self.size + 1
         # column-major: entry (i, j), i >= j, stands at row i - j of column j
         place = np.minimum(row, column) * self._height + below
@@ -147,7 +148,7 @@ class BandedCholesky:
         if shift:
             band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
-        info = lapack.dpbtrf(band)
+        info = lapack.dpbtrf(band, self._below)
         if info != 0:
             raise NotPositiveDefiniteError(f"leading minor {info}")
         result = BandedFactor(band)
@@ -158,10 +159,10 @@ class BandedCholesky:
     def factorise_indefinite(self, data: Floats) -> Factor:
         """LAPACK's banded LU with partial pivoting."""
         band = data[:-1].reshape((self._height, self.size), order="F")
-        below = self._height - 1
+        below = self._below
         general = np.zeros((3 * below + 1, self.size), order="F")
-        general[2 * below :] = band
-        for k in range(1, self._height):
+        general[2 * below :] = band[: below + 1]
+        for k in range(1, below + 1):
             general[2 * below - k, k:] = band[k, : self.size - k]
         pivots, info = lapack.dgbtrf(general, below)
         if info != 0:
@@ -198,10 +199,7 @@ class BandedFactor:
     def solve(self, right: Floats) -> Floats:
         """Solution for right-hand sides (N,) or (N, k)."""
         solution = np.array(right.T, ndmin=2, order="C")
-        if self._columns.shape[1] >= PANEL:
-            substitute(self._columns, solution)
-        else:
-            lapack.dpbtrs(self._columns.T, solution.T)
+        substitute(self._columns, solution)
         return solution[0] if right.ndim == 1 else solution.T
 
 
