@@ -1,4 +1,4 @@
-"""Products and substitutions with a symmetric band, all columns of the other side together.
+"""Substitutions with the Cholesky factor of a band, all right-hand sides together.
 
 LAPACK's dpbtrs takes one right-hand side after the other and reads the factor anew for each. Here
 four columns of the factor at a time serve all of them while they are in the fastest memory, and two
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.jit import compiled, inlined
 
-__all__ = ["multiply", "stored_height", "substitute"]
+__all__ = ["stored_height", "substitute"]
 
 Floats = NDArray[np.float64]
 
@@ -145,29 +145,3 @@ def substitute(column: Floats, right: Floats) -> None:
             _backward_two(column, j, right[k], right[k + 1])
         if paired < len(right):
             _backward(column, j, right[paired])
-
-
-@compiled
-def multiply(column: Floats, x: Floats, out: Floats) -> None:
-    """Symmetric matrix times vectors.
-
-    Parameters
-    ----------
-    column : (N, height) array
-        The matrix's columns from the diagonal down.
-    x : (k, N) array
-        Vectors, one a row.
-    out : (k, N) array
-        Overwritten with the products.
-    """
-    n, height = column.shape
-    out[:] = 0.0
-    for j in range(n):
-        below = column[j, 1 : min(height, n - j)]
-        for k in range(len(x)):
-            here, total = x[k, j], column[j, 0] * x[k, j]
-            known, sums = x[k, j + 1 :], out[k, j + 1 :]
-            for t in range(len(below)):
-                sums[t] += below[t] * here
-                total += below[t] * known[t]
-            out[k, j] += total

@@ -24,7 +24,7 @@ from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
 from bulgefit.fem.jit import compiled, inlined
 from bulgefit.fem.laws import respond, stress_sensitivity
 
-__all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]
+__all__ = ["assemble", "assemble_pressure", "assemble_product", "assemble_sensitivity"]
 
 
 def _load_coupling():
@@ -137,6 +137,47 @@ def _add_stress(f, slopes, stress, forces):
             p2 = f[i, c] * stress[2, c] + f[3 + i, c] * stress[1, c]
             for a in range(4):
                 forces[a, i, c] += p1 * slopes[a, 0, c] + p2 * slopes[a, 1, c]
+
+
+@inlined
+def _stress_change(f, df, at, change):
+    """Change of the stress with that of F by df (6, lanes) at a Gauss point, into (3, lanes)."""
+    for c in range(LANES):
+        e11, e22, e12 = 0.0, 0.0, 0.0
+        for i in range(3):
+            e11 += f[i, c] * df[i, c]
+            e22 += f[3 + i, c] * df[3 + i, c]
+            e12 += f[i, c] * df[3 + i, c] + f[3 + i, c] * df[i, c]
+        change[0, c] = at[4, c] * e11 + at[7, c] * e22 + at[8, c] * e12
+        change[1, c] = at[7, c] * e11 + at[5, c] * e22 + at[9, c] * e12
+        change[2, c] = at[8, c] * e11 + at[9, c] * e22 + at[6, c] * e12
+
+
+@inlined
+def _load_blocks(corners, pressure, blocks):
+    """Vectors w (4, 4, 3, lanes): block ab of a cell's load stiffness is the product w ×."""
+    for a in range(4):
+        for b in range(4):
+            for i in range(3):
+                for c in range(LANES):
+                    total = 0.0
+                    for d in range(4):
+                        total -= _COUPLING[a, b, d] * corners[d, i, c]
+                    blocks[a, b, i, c] = pressure * total
+
+
+@inlined
+def _add_load_change(blocks, moves, forces):
+    """Add the load stiffness times moves (4, 3, lanes) to forces."""
+    for a in range(4):
+        for b in range(4):
+            if a == b:
+                continue  # its load stiffness is zero
+            for c in range(LANES):
+                x, y, z = blocks[a, b, 0, c], blocks[a, b, 1, c], blocks[a, b, 2, c]
+                forces[a, 0, c] += y * moves[b, 2, c] - z * moves[b, 1, c]
+                forces[a, 1, c] += z * moves[b, 0, c] - x * moves[b, 2, c]
+                forces[a, 2, c] += x * moves[b, 1, c] - y * moves[b, 0, c]
 
 
 @inlined
@@ -295,6 +336,53 @@ def assemble_pressure(x, cells, out):
         forces[:] = 0.0
         _add_load(corners, -1.0, forces, volume)
         _add_to_nodes(forces, cells, first, count, out)
+
+
+@compiled
+def assemble_product(x, cells, gradient, weight, q, law, relax, pressure, displacements, out):
+    """Tangent at positions x times displacements, without the tangent itself.
+
+    Parameters
+    ----------
+    displacements : (k, n, 3) array
+    out : (k, n, 3) array
+        Overwritten with the products.
+
+    Returns
+    -------
+    ok : bool
+        False where a cell has collapsed or its wrinkles did not converge.
+    """
+    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
+    f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
+    blocks, moves = np.empty((4, 4, 3, LANES)), np.zeros((4, 3, LANES))
+    df, change, forces = np.empty((6, LANES)), np.empty((3, LANES)), np.empty((4, 3, LANES))
+    out[:] = 0.0
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        _gather(x, cells, first, count, corners)
+        _gather_gradient(gradient, first, count, slopes)
+        for g in range(4):
+            _deformation(corners, slopes[g], f[g])
+            for c in range(count):
+                c11, c22, c12 = _strain(f, g, c)
+                state, found = respond(c11, c22, c12, q, law, relax, True)
+                if state < 0:
+                    return False
+                for k in range(1, 10):
+                    at[g, k, c] = weight[first + c, g] * found[k]
+        _load_blocks(corners, pressure, blocks)
+        for k in range(len(displacements)):
+            _gather(displacements[k], cells, first, count, moves)
+            forces[:] = 0.0
+            for g in range(4):
+                _deformation(moves, slopes[g], df)
+                _stress_change(f[g], df, at[g], change)
+                _add_stress(f[g], slopes[g], change, forces)
+                _add_stress(df, slopes[g], at[g, 1:4], forces)
+            _add_load_change(blocks, moves, forces)
+            _add_to_nodes(forces, cells, first, count, out[k])
+    return True
 
 
 @compiled

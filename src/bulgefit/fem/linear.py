@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
 from bulgefit.fem import lapack
-from bulgefit.fem.banded import multiply, stored_height, substitute
+from bulgefit.fem.banded import stored_height, substitute
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -88,10 +88,6 @@ class LinearSolver(Protocol):
 
     def factorise_indefinite(self, data: Floats) -> Factor:
         """Factor of a tangent that need not be positive definite, with pivoting."""
-        ...
-
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
         ...
 
 
@@ -168,13 +164,6 @@ class BandedCholesky:
         if info != 0:
             raise NotPositiveDefiniteError(f"zero pivot {info}")
         return BandedLUFactor(general, pivots, below)
-
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
-        right = np.ascontiguousarray(columns.T)
-        product = np.empty_like(right)
-        multiply(data[:-1].reshape(self.size, self._height), right, product)
-        return product.T
 
 
 class BandedLUFactor:
@@ -261,10 +250,6 @@ class SparseLU:
             return LUFactor(splu(self._full(data[:-1]), permc_spec="MMD_AT_PLUS_A"))
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
-
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
-        return self._full(data[:-1]) @ columns
 
     def _full(self, values: Floats) -> csc_matrix:
         return csc_matrix(

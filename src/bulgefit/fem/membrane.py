@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from bulgefit.errors import InputError
 from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.geometry import ReferenceSurface
-from bulgefit.fem.kernels import assemble, assemble_pressure, assemble_sensitivity
+from bulgefit.fem.kernels import (
+    assemble,
+    assemble_pressure,
+    assemble_product,
+    assemble_sensitivity,
+)
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
@@ -181,6 +186,24 @@ class Membrane:
         return State(
             potential, self.gather(residual), residual, wrinkled, data if tangent else None
         )
+
+    def tangent_product(
+        self, displacement: Floats, pressure: float, stiffness: Floats, fields: Floats
+    ) -> Floats:
+        """The tangent at a displacement times nodal fields (k, n, 3): (k, N), all at once.
+
+        For a few fields this takes less time than to assemble the tangent and to multiply.
+        """
+        out = np.empty_like(fields)
+        ok = assemble_product(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure, fields, out,
+        )  # fmt: skip
+        if not ok:
+            raise ArithmeticError("tangent asked for at a collapsed shape")
+        if self.clamp is not None:
+            out[:, self.clamp.rim, :2] += self.clamp.forces(fields)
+        return self.gather(out)
 
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""

@@ -80,15 +80,12 @@ def parameter_sensitivity(
     # the shape that the factor belongs to, and one a little farther along the path
     shape = balance.factor_shape
     ahead, pressure = shape + h * slope, (s + h) ** 3
-    tangent_ahead = membrane.state(ahead, pressure, stiffness).tangent
-    assert tangent_ahead is not None
     force = force_derivative(shape, balance.pressure)
     force_ahead = force_derivative(ahead, pressure)
-    value = balance.factor.solve(np.asfortranarray(-force.T))
+    value = membrane.spread(balance.factor.solve(-force.T).T)
     # what R_θ + K V, zero at the shape itself, has grown to
-    turn = force_ahead.T + membrane.linear.multiply(tangent_ahead, value)
-    value_slope = balance.factor.solve(np.asfortranarray(turn / -h))
-    return membrane.spread(value.T), membrane.spread(value_slope.T)
+    turn = force_ahead + membrane.tangent_product(ahead, pressure, stiffness, value)
+    return value, membrane.spread(balance.factor.solve(turn.T / -h).T)
 
 
 def stiffness_sensitivity(
