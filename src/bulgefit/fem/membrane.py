@@ -10,21 +10,16 @@ from numpy.typing import NDArray
 from bulgefit.errors import InputError
 from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.geometry import ReferenceSurface
-from bulgefit.fem.kernels import (
-    assemble,
-    assemble_pressure,
-    assemble_product,
-    assemble_sensitivity,
-)
+from bulgefit.fem.kernels import assemble, assemble_pressure, assemble_sensitivity
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
 
-__all__ = ["Fabric", "Membrane", "State"]
+__all__ = ["NO_FIELDS", "NO_TANGENT", "Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
-_NO_TANGENT = np.empty(0)
+NO_TANGENT, NO_FIELDS = np.empty(0), np.empty((0, 0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +170,11 @@ class Membrane:
     ) -> State:
         """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
         residual = np.empty_like(self.reference)
-        data = self.linear.blank() if tangent else _NO_TANGENT
+        data = self.linear.blank() if tangent else NO_TANGENT
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, residual, data,
+            self.linear.scatter, residual, data, NO_FIELDS, NO_FIELDS,
         )  # fmt: skip
         if self.clamp is not None:
             potential += self.clamp.add(displacement, residual, data if tangent else None)
@@ -190,16 +185,14 @@ class Membrane:
     def tangent_product(
         self, displacement: Floats, pressure: float, stiffness: Floats, fields: Floats
     ) -> Floats:
-        """The tangent at a displacement times nodal fields (k, n, 3): (k, N), all at once.
-
-        For a few fields this takes less time than to assemble the tangent and to multiply.
-        """
+        """The tangent at a displacement (n, 3) mm times nodal fields (k, n, 3) mm: (k, N) N."""
         out = np.empty_like(fields)
-        ok = assemble_product(
+        potential, _ = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure, fields, out,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
+            self.linear.scatter, np.empty_like(self.reference), NO_TANGENT, fields, out,
         )  # fmt: skip
-        if not ok:
+        if not np.isfinite(potential):
             raise ArithmeticError("tangent asked for at a collapsed shape")
         if self.clamp is not None:
             out[:, self.clamp.rim, :2] += self.clamp.forces(fields)
