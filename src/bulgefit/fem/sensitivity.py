@@ -1,4 +1,4 @@
-"""Exact derivatives of balanced shapes: back-substitutions with a factor that is there already.
+"""Exact derivatives of balanced shapes: back-substitutions with the factor of their tangent.
 
 At equilibrium R(u, p, θ) = 0, so along a path in s = p^(1/3), at fixed θ,
 
