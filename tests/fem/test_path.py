@@ -64,6 +64,21 @@ def test_sensitivities_are_the_dense_outputs_derivative() -> None:
             np.testing.assert_allclose(found[k, i], expected[i], rtol=0, atol=1e-4 * scale)
 
 
+def test_sensitivities_are_those_of_the_balanced_shapes() -> None:
+    """Also where the tangent is nearly singular, so that it changes fast."""
+    membrane = Membrane(disc(), 0.81)
+    stiffness = orthotropic_stiffness(300.0, 220.0, 1.5, 0.24)
+    path = trace(membrane, stiffness, sensitivities=True)
+    assert path.sensitivity is not None
+    for shape, p, found in zip(path.displacement, path.pressure, path.sensitivity, strict=True):
+        tangent = membrane.state(shape, p, stiffness).tangent
+        assert tangent is not None
+        left = membrane.stiffness_force(shape, stiffness)
+        left += membrane.tangent_product(shape, p, stiffness, found)
+        error = membrane.linear.factorise_indefinite(tangent).solve(left.T)
+        assert np.abs(error).max() < 1e-6 * np.abs(found).max()
+
+
 def test_linear_interpolation_and_its_bound() -> None:
     path = trace(Membrane(disc(100.0, 2), 0.81), orthotropic_stiffness(*CONSTANTS), tolerance=1e-5)
     middle = 0.5 * (LEVELS[:-1] + LEVELS[1:])

@@ -54,10 +54,14 @@ class Clamp:
         )
         self._place = _places(mesh, linear, self.rim)
 
+    def forces(self, displacement: Floats) -> Floats:
+        """The springs' forces (..., rim, 2) at displacements (..., n, 3)."""
+        return np.einsum("nij,...nj->...ni", self.stiffness, displacement[..., self.rim, :2])
+
     def add(self, displacement: Floats, residual: Floats, data: Floats | None) -> float:
         """Add the springs' forces to `residual` and stiffness to `data`; return their energy."""
         moved = displacement[self.rim, :2]
-        force = np.einsum("nij,nj->ni", self.stiffness, moved)
+        force = self.forces(displacement)
         residual[self.rim, :2] += force
         if data is not None:
             data[self._place] += self.stiffness[:, (0, 1, 1), (0, 0, 1)]

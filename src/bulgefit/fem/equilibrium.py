@@ -20,8 +20,6 @@ CORRECTION = 1e-9
 RENEWED_ABOVE = 1e-6
 #: Corrections by one factor that cost less than another factorisation.
 CORRECTIONS = 3
-#: Steps (mm, for a radius of 100 mm) up to which a factor for derivatives may be off its balance.
-CLOSE_WITHIN = 1e-4
 #: Iterations from a rough guess, and from the prediction of a path.
 FROM_AFAR, FROM_NEAR = 60, 12
 #: Corrections by a factor that has served before are made where they are shorter than this share
@@ -53,9 +51,10 @@ class Equilibrium:
     displacement : (n, 3) array, mm
     factor : Factor
         Of the tangent at the shape before the last full step, a step so short that the next
-        correction was below `RENEWED_ABOVE`; or of a farther one that the search made do with.
-    factor_shape : (n, 3) array, mm
-        The displacement whose tangent was factorised.
+        correction was below `RENEWED_ABOVE`; or of a farther one that the search made do with; or
+        of the tangent at this very shape.
+    exact : bool
+        The factor is that of the tangent at this very shape.
     factorisations : int
         Spent on finding it.
     wrinkled : int
@@ -68,7 +67,7 @@ class Equilibrium:
     pressure: float
     displacement: Floats
     factor: Factor
-    factor_shape: Floats
+    exact: bool
     factorisations: int
     wrinkled: int
     stable: bool
@@ -105,7 +104,7 @@ def solve(
     *,
     thrifty: bool = False,
     follow: bool = False,
-    close: bool = False,
+    exact: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
@@ -130,8 +129,9 @@ def solve(
         the factorisations, for those who can do with such a factor.
     follow : bool
         The start is a prediction along a path.
-    close : bool
-        Return the factor of a shape within `CLOSE_WITHIN` of the balance, even if thrifty.
+    exact : bool
+        Once the shape is balanced, factorise its own tangent: derivatives ask for it. Near a
+        singular tangent they are off by a thousandth with the factor of a shape 1e-5 mm away.
 
     Raises
     ------
@@ -154,12 +154,13 @@ def solve(
         enough = RENEWED_ABOVE * unit
         if thrifty and stable:
             enough = max(enough, search.within_reach(step))
-        near = ahead <= enough and search.shift == 0.0
-        if near and (not close or step <= CLOSE_WITHIN * unit):
+        if ahead <= enough and search.shift == 0.0:
             polished = search.polish(displacement, factor, correction, step, unit)
             if polished is not None:
+                if exact:
+                    factor, stable = search.own_factor(polished)
                 return Equilibrium(
-                    pressure, polished, factor, before, search.work, state.wrinkled, stable
+                    pressure, polished, factor, exact, search.work, state.wrinkled, stable
                 )
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
@@ -187,24 +188,40 @@ class _Search:
 
     def factor(self, displacement: Floats, state: State, iteration: int) -> tuple[Factor, bool]:
         """A factor to step with, and whether the tangent itself is positive definite."""
-        linear, tangent = self.membrane.linear, state.tangent
+        tangent = state.tangent
         self.shift = 0.0 if self.shift < 1e-6 else 0.1 * self.shift
         for _ in range(12):
             self.work += 1
             try:
                 assert tangent is not None
+                linear = self.membrane.linear
                 return linear.factorise(tangent, self.shift, spent=True), self.shift == 0.0
             except NotPositiveDefiniteError:
-                # the attempt has used it up
-                tangent = self.membrane.state(displacement, self.pressure, self.stiffness).tangent
                 if self.follow:
-                    self.work += 1
-                    assert tangent is not None
-                    return linear.factorise_indefinite(tangent), False
+                    return self._indefinite_factor(displacement), False
+                # the attempt has used it up
+                tangent = self._tangent(displacement)
                 self.shift = max(1e-4, 5.0 * self.shift)
         raise NewtonError(
             "the tangent is not positive definite", iteration, _norm(state), self.work
         )
+
+    def own_factor(self, balanced: Floats) -> tuple[Factor, bool]:
+        """Factor of the tangent at a balanced shape as it is; whether it is positive definite."""
+        self.work += 1
+        try:
+            return self.membrane.linear.factorise(self._tangent(balanced), spent=True), True
+        except NotPositiveDefiniteError:
+            return self._indefinite_factor(balanced), False
+
+    def _indefinite_factor(self, displacement: Floats) -> Factor:
+        self.work += 1
+        return self.membrane.linear.factorise_indefinite(self._tangent(displacement))
+
+    def _tangent(self, displacement: Floats) -> Floats:
+        tangent = self.membrane.state(displacement, self.pressure, self.stiffness).tangent
+        assert tangent is not None
+        return tangent
 
     def step(
         self, displacement: Floats, state: State, factor: Factor, iteration: int

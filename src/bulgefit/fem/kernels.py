@@ -140,6 +140,47 @@ def _add_stress(f, slopes, stress, forces):
 
 
 @inlined
+def _stress_change(f, df, at, change):
+    """Change of the stress with that of F by df (6, lanes) at a Gauss point, into (3, lanes)."""
+    for c in range(LANES):
+        e11, e22, e12 = 0.0, 0.0, 0.0
+        for i in range(3):
+            e11 += f[i, c] * df[i, c]
+            e22 += f[3 + i, c] * df[3 + i, c]
+            e12 += f[i, c] * df[3 + i, c] + f[3 + i, c] * df[i, c]
+        change[0, c] = at[4, c] * e11 + at[7, c] * e22 + at[8, c] * e12
+        change[1, c] = at[7, c] * e11 + at[5, c] * e22 + at[9, c] * e12
+        change[2, c] = at[8, c] * e11 + at[9, c] * e22 + at[6, c] * e12
+
+
+@inlined
+def _load_blocks(corners, pressure, blocks):
+    """Vectors w (4, 4, 3, lanes): block ab of a cell's load stiffness is the product w ×."""
+    for a in range(4):
+        for b in range(4):
+            for i in range(3):
+                for c in range(LANES):
+                    total = 0.0
+                    for d in range(4):
+                        total -= _COUPLING[a, b, d] * corners[d, i, c]
+                    blocks[a, b, i, c] = pressure * total
+
+
+@inlined
+def _add_load_change(blocks, moves, forces):
+    """Add the load stiffness times moves (4, 3, lanes) to forces."""
+    for a in range(4):
+        for b in range(4):
+            if a == b:
+                continue  # its load stiffness is zero
+            for c in range(LANES):
+                x, y, z = blocks[a, b, 0, c], blocks[a, b, 1, c], blocks[a, b, 2, c]
+                forces[a, 0, c] += y * moves[b, 2, c] - z * moves[b, 1, c]
+                forces[a, 1, c] += z * moves[b, 0, c] - x * moves[b, 2, c]
+                forces[a, 2, c] += x * moves[b, 1, c] - y * moves[b, 0, c]
+
+
+@inlined
 def _strain_rows(f, slopes, at, g, c, strain, stress):
     """The strain operator B of Gauss point g in lane c, and CC B, as rows 3 g to 3 g + 2."""
     c11, c22, c33 = at[g, 4, c], at[g, 5, c], at[g, 6, c]
@@ -207,8 +248,12 @@ def _stiffness(corners, lane, strain, stress, geometric, pressure, ke):
 
 
 @compiled
-def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, residual, data):
-    """Potential, out-of-balance force and tangent at positions x.
+def assemble(
+    x, cells, gradient, weight, q, law, relax, pressure, scatter, residual, data, fields, products
+):
+    """Potential, out-of-balance force and tangent, or its products, at positions x.
+
+    For a few fields the products take less time than the tangent that they do without.
 
     Parameters
     ----------
@@ -227,6 +272,9 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
         Overwritten.
     data : (nnz + 1,) array, N/mm
         Overwritten; empty: no tangent.
+    fields : (k, n, 3) array, mm
+    products : (k, n, 3) array, N
+        Overwritten with the tangent times the fields.
 
     Returns
     -------
@@ -236,15 +284,20 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
         Gauss points in tension-field relaxation.
     """
     with_tangent = len(data) > 0
+    stiff = with_tangent or len(fields) > 0
     corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
     forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
     # at every Gauss point: F, and W, S and CC times t dA
     f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
-    wanted = 10 if with_tangent else 4
+    wanted = 10 if stiff else 4
     geometric, ke = np.empty((4, 4)), np.empty((12, 12))
     strain, stress = np.empty((12, 12)), np.empty((12, 12))
+    # of one field: its values, F and stress, and the load stiffness
+    moves, df, change = np.zeros((4, 3, LANES)), np.empty((6, LANES)), np.empty((3, LANES))
+    blocks = np.empty((4, 4, 3, LANES))
     residual[:] = 0.0
     data[:] = 0.0
+    products[:] = 0.0
     potential, wrinkled = 0.0, 0
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
@@ -256,7 +309,7 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
             _deformation(corners, slopes[g], f[g])
             for c in range(count):
                 c11, c22, c12 = _strain(f, g, c)
-                state, found = respond(c11, c22, c12, q, law, relax, with_tangent)
+                state, found = respond(c11, c22, c12, q, law, relax, stiff)
                 if state < 0:
                     return np.nan, wrinkled
                 wrinkled += state != 0
@@ -280,6 +333,18 @@ def assemble(x, cells, gradient, weight, q, law, relax, pressure, scatter, resid
                     for k in range(r + 1):
                         data[scatter[first + c, position]] += ke[r, k]
                         position += 1
+        if len(fields) > 0:
+            _load_blocks(corners, pressure, blocks)
+        for k in range(len(fields)):
+            _gather(fields[k], cells, first, count, moves)
+            forces[:] = 0.0
+            for g in range(4):
+                _deformation(moves, slopes[g], df)
+                _stress_change(f[g], df, at[g], change)
+                _add_stress(f[g], slopes[g], change, forces)
+                _add_stress(df, slopes[g], at[g, 1:4], forces)
+            _add_load_change(blocks, moves, forces)
+            _add_to_nodes(forces, cells, first, count, products[k])
     return potential, wrinkled
 
 

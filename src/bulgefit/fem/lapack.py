@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cython_lapack
 
-__all__ = ["dgbtrf", "dgbtrs", "dpbtrf", "dpbtrs"]
+__all__ = ["dgbtrf", "dgbtrs", "dpbtrf"]
 
 Floats = NDArray[np.float64]
 Pivots = NDArray[np.intc]
@@ -58,16 +58,13 @@ def _call(name: str, *arguments: str | int | Floats | Pivots) -> int:
     return info.value
 
 
-def dpbtrf(band: Floats) -> int:
-    """Cholesky factor of a lower band (height, N) in its place; > 0: not positive definite."""
-    height, size = band.shape
-    return _call("dpbtrf", "L", size, height - 1, band, height)
+def dpbtrf(band: Floats, below: int) -> int:
+    """Cholesky factor of a lower band with `below` subdiagonals in its place.
 
-
-def dpbtrs(band: Floats, right: Floats) -> int:
-    """Solve with `dpbtrf`'s factor for right-hand sides (N, k), in their place."""
+    The rows of the band (height, N) below them are left alone. > 0: not positive definite.
+    """
     height, size = band.shape
-    return _call("dpbtrs", "L", size, height - 1, right.shape[1], band, height, right, size)
+    return _call("dpbtrf", "L", size, below, band, height)
 
 
 def dgbtrf(band: Floats, below: int) -> tuple[Pivots, int]:

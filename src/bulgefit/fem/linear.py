@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError
 from bulgefit.fem import lapack
-from bulgefit.fem.banded import PANEL, multiply, substitute
+from bulgefit.fem.banded import stored_height, substitute
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -90,10 +90,6 @@ class LinearSolver(Protocol):
         """Factor of a tangent that need not be positive definite, with pivoting."""
         ...
 
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
-        ...
-
 
 def _number(
     cells: NDArray[np.int64], free: NDArray[np.bool_], order: NDArray[np.int64]
@@ -119,7 +115,8 @@ class BandedCholesky:
         self.size = int(free.sum())
         kept = (row >= 0) & (column >= 0)
         below = np.abs(row - column)
-        self._height = int(below[kept].max(initial=0)) + 1
+        self._below = int(below[kept].max(initial=0))
+        self._height = stored_height(self._below)
         self.length = self._height * self.size + 1
         # column-major: entry (i, j), i >= j, stands at row i - j of column j
         place = np.minimum(row, column) * self._height + below
@@ -147,7 +144,7 @@ class BandedCholesky:
         if shift:
             band[:: self._height] += shift * np.abs(band[:: self._height]).mean()
         band = band.reshape((self._height, self.size), order="F")
-        info = lapack.dpbtrf(band)
+        info = lapack.dpbtrf(band, self._below)
         if info != 0:
             raise NotPositiveDefiniteError(f"leading minor {info}")
         result = BandedFactor(band)
@@ -158,22 +155,15 @@ class BandedCholesky:
     def factorise_indefinite(self, data: Floats) -> Factor:
         """LAPACK's banded LU with partial pivoting."""
         band = data[:-1].reshape((self._height, self.size), order="F")
-        below = self._height - 1
+        below = self._below
         general = np.zeros((3 * below + 1, self.size), order="F")
-        general[2 * below :] = band
-        for k in range(1, self._height):
+        general[2 * below :] = band[: below + 1]
+        for k in range(1, below + 1):
             general[2 * below - k, k:] = band[k, : self.size - k]
         pivots, info = lapack.dgbtrf(general, below)
         if info != 0:
             raise NotPositiveDefiniteError(f"zero pivot {info}")
         return BandedLUFactor(general, pivots, below)
-
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
-        right = np.ascontiguousarray(columns.T)
-        product = np.empty_like(right)
-        multiply(data[:-1].reshape(self.size, self._height), right, product)
-        return product.T
 
 
 class BandedLUFactor:
@@ -198,10 +188,7 @@ class BandedFactor:
     def solve(self, right: Floats) -> Floats:
         """Solution for right-hand sides (N,) or (N, k)."""
         solution = np.array(right.T, ndmin=2, order="C")
-        if self._columns.shape[1] >= PANEL:
-            substitute(self._columns, solution)
-        else:
-            lapack.dpbtrs(self._columns.T, solution.T)
+        substitute(self._columns, solution)
         return solution[0] if right.ndim == 1 else solution.T
 
 
@@ -263,10 +250,6 @@ class SparseLU:
             return LUFactor(splu(self._full(data[:-1]), permc_spec="MMD_AT_PLUS_A"))
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
-
-    def multiply(self, data: Floats, columns: Floats) -> Floats:
-        """The tangent times columns (N, k)."""
-        return self._full(data[:-1]) @ columns
 
     def _full(self, values: Floats) -> csc_matrix:
         return csc_matrix(

@@ -15,11 +15,11 @@ from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
 
-__all__ = ["Fabric", "Membrane", "State"]
+__all__ = ["NO_FIELDS", "NO_TANGENT", "Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
-_NO_TANGENT = np.empty(0)
+NO_TANGENT, NO_FIELDS = np.empty(0), np.empty((0, 0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,17 +170,33 @@ class Membrane:
     ) -> State:
         """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
         residual = np.empty_like(self.reference)
-        data = self.linear.blank() if tangent else _NO_TANGENT
+        data = self.linear.blank() if tangent else NO_TANGENT
         potential, wrinkled = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, residual, data,
+            self.linear.scatter, residual, data, NO_FIELDS, NO_FIELDS,
         )  # fmt: skip
         if self.clamp is not None:
             potential += self.clamp.add(displacement, residual, data if tangent else None)
         return State(
             potential, self.gather(residual), residual, wrinkled, data if tangent else None
         )
+
+    def tangent_product(
+        self, displacement: Floats, pressure: float, stiffness: Floats, fields: Floats
+    ) -> Floats:
+        """The tangent at a displacement (n, 3) mm times nodal fields (k, n, 3) mm: (k, N) N."""
+        out = np.empty_like(fields)
+        potential, _ = assemble(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
+            self.linear.scatter, np.empty_like(self.reference), NO_TANGENT, fields, out,
+        )  # fmt: skip
+        if not np.isfinite(potential):
+            raise ArithmeticError("tangent asked for at a collapsed shape")
+        if self.clamp is not None:
+            out[:, self.clamp.rim, :2] += self.clamp.forces(fields)
+        return self.gather(out)
 
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""

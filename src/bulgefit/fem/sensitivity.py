@@ -1,4 +1,4 @@
-"""Exact derivatives of balanced shapes: back-substitutions with a factor that is there already.
+"""Exact derivatives of balanced shapes: back-substitutions with the factor of their tangent.
 
 At equilibrium R(u, p, θ) = 0, so along a path in s = p^(1/3), at fixed θ,
 
@@ -37,14 +37,14 @@ _WATCHED, _SLIGHT, _CORRECTIONS = 1e-4, 1e-3, 5
 def slope_in_pressure(membrane: Membrane, balance: Equilibrium, stiffness: Floats) -> Floats:
     """∂u/∂s, s = p^(1/3): (n, 3) mm/MPa^(1/3).
 
-    The factor may be of a shape that is some way off. So the out-of-balance force is watched along
-    the slope, which it should not change, and what it changes corrects the slope.
+    The factor may be that of a shape some way off. Then the out-of-balance force is watched
+    along the slope, which it should not change, and what it changes corrects the slope.
     """
     s = np.cbrt(balance.pressure)
     h = _WATCHED * s
     by_pressure = balance.factor.solve(membrane.pressure_force(balance.displacement))
     slope = membrane.spread(3.0 * s**2 * by_pressure)
-    for _ in range(_CORRECTIONS):
+    for _ in range(0 if balance.exact else _CORRECTIONS):
         ahead, behind = (
             membrane.state(
                 balance.displacement + step * slope, (s + step) ** 3, stiffness, tangent=False
@@ -69,6 +69,8 @@ def parameter_sensitivity(
 
     Parameters
     ----------
+    balance : Equilibrium
+        Found with its exact factor.
     slope : (n, 3) array, mm/MPa^(1/3)
         ∂u/∂s of the balance.
     stiffness : (4,) array, MPa
@@ -77,18 +79,13 @@ def parameter_sensitivity(
     """
     s = np.cbrt(balance.pressure)
     h = _ALONG * s
-    # the shape that the factor belongs to, and one a little farther along the path
-    shape = balance.factor_shape
-    ahead, pressure = shape + h * slope, (s + h) ** 3
-    tangent_ahead = membrane.state(ahead, pressure, stiffness).tangent
-    assert tangent_ahead is not None
-    force = force_derivative(shape, balance.pressure)
+    ahead, pressure = balance.displacement + h * slope, (s + h) ** 3
+    force = force_derivative(balance.displacement, balance.pressure)
     force_ahead = force_derivative(ahead, pressure)
-    value = balance.factor.solve(np.asfortranarray(-force.T))
-    # what R_θ + K V, zero at the shape itself, has grown to
-    turn = force_ahead.T + membrane.linear.multiply(tangent_ahead, value)
-    value_slope = balance.factor.solve(np.asfortranarray(turn / -h))
-    return membrane.spread(value.T), membrane.spread(value_slope.T)
+    value = membrane.spread(balance.factor.solve(-force.T).T)
+    # what R_θ + K V, zero at the balance itself, has grown to
+    turn = force_ahead + membrane.tangent_product(ahead, pressure, stiffness, value)
+    return value, membrane.spread(balance.factor.solve(turn.T / -h).T)
 
 
 def stiffness_sensitivity(

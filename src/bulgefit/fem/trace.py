@@ -91,7 +91,7 @@ class _Tracer:
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
-                thrifty=True, follow=follow, close=self.sensitivities,
+                thrifty=True, follow=follow, exact=self.sensitivities,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
