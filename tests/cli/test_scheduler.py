@@ -7,6 +7,8 @@ import socket
 import sys
 import threading
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ import pytest
 from bulgefit import workers
 from bulgefit.cli.main import main
 from bulgefit.fem.mesh import disc
+from bulgefit.gap import trial
+from bulgefit.gap.made_tests import Recipe
 from bulgefit.model.observation import observe
 from bulgefit.simulation import simulate
 
@@ -64,6 +68,28 @@ def test_a_cluster_gives_the_same(
         found.append(json.loads(output.out))
         found[-1].pop("seconds", None)
     assert found[0] == found[1]
+
+
+def test_a_trial_on_a_cluster(
+    cluster: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = trial.run_trial
+
+    def little(*numbers: int, **options: Any) -> dict[str, Any]:
+        return whole(*numbers, **{**options, "recipe": Recipe(12, spacing=12.0, fineness=16)})
+
+    monkeypatch.setattr(trial, "run_trial", little)
+    found = []
+    for name, where in (("here", ["--workers", "1"]), ("there", ["--scheduler", cluster])):
+        words = ["--number", "1", "--effects", "none", "--output", str(tmp_path / name)]
+        assert main(["trial", *words, *where, "--json", "-", "--quiet"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+        del found[-1]["meta"]["seconds"]
+    assert found[0] == found[1]
+    assert found[0]["tests"][0]["verdict"] == "none"
 
 
 @pytest.mark.parametrize(
@@ -127,11 +153,17 @@ def test_workers_with_other_versions(
 
 
 def test_dask_is_not_installed(
-    tests_made: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tests_made: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", "tcp://127.0.0.1:8786")
-    assert "pip install 'bulgefit[cluster]'" in said
+    folder = tmp_path / "trial"
+    for words in (["fit", *tests_made, *SMALL], ["trial", "--output", str(folder)]):
+        said = refused(capsys, *words, "--scheduler", "tcp://127.0.0.1:8786")
+        assert "pip install 'bulgefit[cluster]'" in said
+    assert not folder.exists()
 
 
 def test_not_with_workers(tests_made: list[str], capsys: pytest.CaptureFixture[str]) -> None:
