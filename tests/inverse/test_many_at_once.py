@@ -11,18 +11,20 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import BulgefitError, InputError
+from bulgefit.inverse.bootstrap import bootstrap
 from bulgefit.inverse.fit import fit
 from bulgefit.inverse.result import FitResult
 from bulgefit.model.virtual_test import Setup
-from bulgefit.spread import spread
+from bulgefit.spread import sent_once, spread
 from bulgefit.workers import Processes, open_executor
 
 Maker = Callable[..., BulgeTest]
@@ -43,6 +45,17 @@ class Data:
     def readers(self) -> list[int]:
         """The processes that unpickled it, in order."""
         return [int(line) for line in self.log.read_text().split()] if self.log.exists() else []
+
+
+@sent_once
+class Measured(Data):
+    """Data that never change."""
+
+
+def who_of(shared: tuple[Measured, str], item: int) -> tuple[int, int]:
+    data, call = shared
+    assert call in ("first", "second")
+    return who(data, item)
 
 
 def who(data: Data, item: int) -> tuple[int, int]:
@@ -98,6 +111,37 @@ def test_each_worker_of_a_cluster_reads_the_data_once(cluster: str, tmp_path: Pa
     assert [item for _, item in found] == list(range(20))
     assert len(set(workers)) == 2
     assert sorted(data.readers()) == sorted(set(workers))
+
+
+@pytest.mark.parametrize("place", ["processes", "cluster"])
+def test_what_never_changes_is_sent_for_the_first_call_alone(
+    place: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    data, other = Measured(tmp_path / "readers"), Measured(tmp_path / "other" / "readers")
+    other.log.parent.mkdir()
+    options: dict[str, Any] = {"workers": 2, "processes": True}
+    if place == "cluster":
+        options = {"scheduler": request.getfixturevalue("cluster")}
+    with open_executor(**options) as pool:
+        workers = {pid for pid, _ in spread(pool, who_of, (data, "first"), range(20))}
+        workers |= {pid for pid, _ in spread(pool, who_of, (data, "second"), range(20))}
+        assert sorted(data.readers()) == sorted(workers)
+        spread(pool, who_of, (other, "first"), range(20))
+        assert set(other.readers()) <= workers
+    assert len(workers) == 2
+
+
+def test_files_of_what_is_sent_go_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = tmp_path / "files"
+    files.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(files))
+    data = Measured(tmp_path / "readers")
+    with open_executor(1, processes=True) as pool:
+        for call in ("first", "second"):
+            spread(pool, who_of, (data, call), range(2))
+            assert len(list(files.iterdir())) == 1
+    del data
+    assert not list(files.iterdir())
 
 
 def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
@@ -248,6 +292,39 @@ def test_a_fit_is_the_same_to_the_last_bit(
         killed.join()
         assert first not in client.run(os.getpid).values()
     assert found == one
+
+
+class Watched(Block):
+    """A block that writes down which process unpickles it."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return watched, (os.environ["READERS"], *super().__reduce__()[1])
+
+
+def watched(log: str, *parts: Any) -> Watched:
+    with Path(log).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    return Watched(*parts)
+
+
+def test_a_fit_and_its_bootstrap_send_the_data_once(
+    make: Maker, setup: Setup, cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "readers"
+    monkeypatch.setenv("READERS", str(log))
+    test = make(noise=0.05)
+    (block,) = test.blocks
+    test = replace(test, blocks=(Watched(block.reference, block.frames, block.displacement),))
+    options: dict[str, Any] = {"bounds": BOUNDS, "setup": setup}
+    alone = bootstrap(fit(test, **options), test, replicates=4)
+    assert not log.exists()
+    with open_executor(scheduler=cluster) as pool:
+        for name in ("e", "e_w"):
+            found = fit(test, name, executor=pool, **options)
+        sure = bootstrap(found, test, replicates=4, executor=pool)
+    readers = log.read_text().split()
+    assert len(readers) == len(set(readers)) == 2
+    assert sure.values.tolist() == alone.values.tolist()
 
 
 def _kill_a_busy_one(client: Any, pid: int) -> None:
