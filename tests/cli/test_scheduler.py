@@ -15,14 +15,17 @@ import pytest
 
 from bulgefit import workers
 from bulgefit.cli.main import main
+from bulgefit.dic.writers import write_test
 from bulgefit.fem.mesh import disc
 from bulgefit.gap import trial
-from bulgefit.gap.made_tests import Recipe
+from bulgefit.gap.made_tests import Recipe, make_test
 from bulgefit.model.observation import observe
 from bulgefit.simulation import simulate
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 SMALL = ["--bounds", "E1=200:500,E2=150:400,G12=10:60", "--refine", "2", "--starts", "2"]
+#: Just enough for a diagnosis to judge.
+LITTLE = Recipe(frames=12, spacing=12.0, fineness=16)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,21 @@ def test_a_cluster_gives_the_same(
     assert found[0] == found[1]
 
 
+def test_a_diagnosis_on_a_cluster(
+    cluster: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "made.npz"
+    write_test(make_test("clamp_slip", 0, LITTLE).test, file)
+    words = ["diagnose", str(file), "--effects", "clamp_slip,rigid_motion", "--json", "-"]
+    found = []
+    for where in (["--workers", "1"], ["--workers", "2"], ["--scheduler", cluster]):
+        assert main([*words, *where, "--quiet"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+        del found[-1]["meta"]["seconds"]
+    assert found[0] == found[1] == found[2]
+    assert found[0]["verdict"] == "named"
+
+
 def test_a_trial_on_a_cluster(
     cluster: str,
     tmp_path: Path,
@@ -79,7 +97,7 @@ def test_a_trial_on_a_cluster(
     whole = trial.run_trial
 
     def little(*numbers: int, **options: Any) -> dict[str, Any]:
-        return whole(*numbers, **{**options, "recipe": Recipe(12, spacing=12.0, fineness=16)})
+        return whole(*numbers, **{**options, "recipe": LITTLE})
 
     monkeypatch.setattr(trial, "run_trial", little)
     found = []
@@ -160,7 +178,8 @@ def test_dask_is_not_installed(
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     folder = tmp_path / "trial"
-    for words in (["fit", *tests_made, *SMALL], ["trial", "--output", str(folder)]):
+    fit, diagnose = ["fit", *tests_made, *SMALL], ["diagnose", *tests_made]
+    for words in (fit, diagnose, ["trial", "--output", str(folder)]):
         said = refused(capsys, *words, "--scheduler", "tcp://127.0.0.1:8786")
         assert "pip install 'bulgefit[cluster]'" in said
     assert not folder.exists()

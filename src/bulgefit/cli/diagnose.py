@@ -30,14 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "effect that the model leaves out causes it, and how far it shrinks once that effect is\n"
         "added. Effects are judged on data that was not fitted. The verdict is named, ambiguous,\n"
         "none (good to the noise) or unknown. Several tests share their material, all other\n"
-        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm."
+        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm. Effects are\n"
+        "tried side by side, by several --workers (processes) or those of a --scheduler; what is\n"
+        "found does not depend on them."
     )
     parser.epilog = (
         "examples:\n"
         "  bulgefit diagnose test1.npz --report report\n"
         "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
         "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
-        "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion"
+        "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion\n"
+        "  bulgefit diagnose test1.npz --thorough --scheduler tcp://cluster:8786"
     )
     add_tests_argument(parser)
     group = parser.add_argument_group("diagnosis")
@@ -87,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, print, write and draw."""
     _common.check_json_target(args)
     effects = _effects(args.effects)
+    several = _common.workers_from(args) > 1
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     tests = _inverse.read_tests(args)
@@ -101,7 +105,8 @@ def run(args: argparse.Namespace) -> int:
 
     _common.announce_kernels(args)
     with (
-        _common.executor_from(args, processes=True) as executor,
+        # threads would wait for each other: most of a refit is Python
+        _common.executor_from(args, processes=several) as executor,
         _Progress(quiet=args.quiet) as progress,
     ):
         found = diagnose(
