@@ -202,15 +202,15 @@ def _sent(executor: Executor, shared: Any) -> Iterator[list[Any]]:
 
 
 def _scattered(client: Any, shared: Any) -> list[Any]:
-    """What opens as `shared` on a cluster, and its parts; those that are there already stay."""
+    """What opens as `shared` on a cluster, and parcels with its parts, new ones in a single one."""
     content, parts = _packed(shared)
     labels = {name: _labels[part] for name, part in parts.items()}
-    missing = [name for name, label in labels.items() if not label.is_held_by(client)]
-    parcels = [_Parcel("", content), *(_Parcel(name, _pickled(parts[name])) for name in missing)]
-    whole, *futures = client.scatter(parcels, broadcast=True, hash=False)
-    for name, future in zip(missing, futures, strict=True):
-        labels[name].cluster, labels[name].parcel = client.id, future
-    return [whole, *(label.parcel for label in labels.values())]
+    missing = {n: parts[n] for n, label in labels.items() if not label.is_held_by(client)}
+    parcels = [_Parcel(content), *([_Parcel(_pickled(missing))] if missing else [])]
+    whole, *new = client.scatter(parcels, broadcast=True, hash=False)
+    for name in missing:
+        labels[name].cluster, labels[name].parcel = client.id, new[0]
+    return [whole, *{id(label.parcel): label.parcel for label in labels.values()}.values()]
 
 
 class _Here:
@@ -248,24 +248,23 @@ class _Parcel:
     straight off the wire may lie at odd addresses, for which kernels would be compiled anew.
     """
 
-    def __init__(self, name: str, content: bytes) -> None:
-        self.name = name
+    def __init__(self, content: bytes) -> None:
         self._content = content
         self._lock = threading.Lock()
         self._opened: tuple[Any, ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _Parcel, (self.name, self._content)
+        return _Parcel, (self._content,)
 
     def __sizeof__(self) -> int:
         # what Dask believes it holds: the pickle and what comes out of it
         return 2 * len(self._content)
 
     def opened(self, parts: Sequence[_Parcel] = ()) -> Any:
-        """What was packed, with the parts that travelled apart."""
+        """What was packed; parts that travelled apart come from parcels of their own, by name."""
         with self._lock:
             if not self._opened:
-                found = {part.name: part.opened() for part in parts}
+                found = {name: part for parcel in parts for name, part in parcel.opened().items()}
                 self._opened = (_unpacked(self._content, found),)
             return self._opened[0]
 
@@ -279,7 +278,7 @@ class _Label:
     file : str
         For other processes of this machine; "" before it is written.
     cluster, parcel : str, Future
-        Of Dask: the client that it was last scattered by, and what holds its parcel there.
+        Of Dask: the client that it was last scattered by, and the parcel it is in there.
     """
 
     def __init__(self) -> None:

@@ -226,12 +226,14 @@ class Losing(Executor):
     """A cluster that lost the data that its tasks need, for a while."""
 
     def __init__(self, times: int) -> None:
-        self.times, self.status, self._client = times, "running", self
+        self.times, self.status, self._client, self.id = times, "running", self, "client"
+        self.parcels: list[SimpleNamespace] = []
         self.scheduler = SimpleNamespace(address="inproc://here")
 
     def scatter(self, values: list[Any], **_: Any) -> list[Any]:
         self.times -= 1
-        return values
+        self.parcels = [SimpleNamespace(opened=v.opened, status="finished") for v in values]
+        return self.parcels
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -264,6 +266,19 @@ def test_data_that_a_cluster_lost_are_sent_again(tmp_path: Path) -> None:
     gone.status = "closed"
     with pytest.raises(BulgefitError, match="scheduler was lost"):
         spread(gone, who, data, range(3))
+
+
+def test_only_what_a_cluster_lacks_is_sent(tmp_path: Path) -> None:
+    data, cluster = Measured(tmp_path / "readers"), Losing(0)
+
+    def parcels_of(call: str) -> list[SimpleNamespace]:
+        assert [i for _, i in spread(cluster, who_of, (data, call), range(2))] == [0, 1]
+        return cluster.parcels
+
+    _, held = parcels_of("first")
+    assert len(parcels_of("second")) == 1
+    held.status = "lost"
+    assert len(parcels_of("second")) == 2
 
 
 def same_but_for_time(result: FitResult) -> dict[str, Any]:
