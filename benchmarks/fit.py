@@ -445,8 +445,10 @@ A solve that fails is told to the minimiser as the worst value so far, and count
 Starts, the starts of all folds of a cross-validation, and bootstrap refits go through one
 `executor` of `concurrent.futures`: threads by default (`--workers`; processes with
 `--bootstrap`), or the workers of a Dask cluster (`--scheduler tcp://host:port`,
-`bulgefit[cluster]`). Each call sends its data to each worker process once. Work that is lost with a
-process is done again, and since every task runs on one BLAS thread the result is the same to the
+`bulgefit[cluster]`). Measured data go to each worker process once, however many calls use them
+with the same executor (a fit and its `--bootstrap`, the three of a `--cross-table`); a Dask worker
+whose idle copy the cluster gave up in between fetches it from another one. Work that is lost with
+a process is done again, and since every task runs on one BLAS thread the result is the same to the
 last bit. This is so on machines of one kind with the same versions; a cluster whose workers have
 other versions is refused.
 

@@ -32,4 +32,6 @@ def cluster() -> Iterator[str]:
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as found:
+        # it gives up copies of idle data at times of its own, to be fetched from another worker
+        found.scheduler.extensions["amm"].stop()
         yield found.scheduler_address

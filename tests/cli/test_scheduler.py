@@ -7,18 +7,25 @@ import socket
 import sys
 import threading
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bulgefit import workers
 from bulgefit.cli.main import main
+from bulgefit.dic.writers import write_test
 from bulgefit.fem.mesh import disc
+from bulgefit.gap import trial
+from bulgefit.gap.made_tests import Recipe, make_test
 from bulgefit.model.observation import observe
 from bulgefit.simulation import simulate
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 SMALL = ["--bounds", "E1=200:500,E2=150:400,G12=10:60", "--refine", "2", "--starts", "2"]
+#: Just enough for a diagnosis to judge.
+LITTLE = Recipe(frames=12, spacing=12.0, fineness=16)
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +71,43 @@ def test_a_cluster_gives_the_same(
         found.append(json.loads(output.out))
         found[-1].pop("seconds", None)
     assert found[0] == found[1]
+
+
+def test_a_diagnosis_on_a_cluster(
+    cluster: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "made.npz"
+    write_test(make_test("clamp_slip", 0, LITTLE).test, file)
+    words = ["diagnose", str(file), "--effects", "clamp_slip,rigid_motion", "--json", "-"]
+    found = []
+    for where in (["--workers", "1"], ["--workers", "2"], ["--scheduler", cluster]):
+        assert main([*words, *where, "--quiet"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+        del found[-1]["meta"]["seconds"]
+    assert found[0] == found[1] == found[2]
+    assert found[0]["verdict"] == "named"
+
+
+def test_a_trial_on_a_cluster(
+    cluster: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = trial.run_trial
+
+    def little(*numbers: int, **options: Any) -> dict[str, Any]:
+        return whole(*numbers, **{**options, "recipe": LITTLE})
+
+    monkeypatch.setattr(trial, "run_trial", little)
+    found = []
+    for name, where in (("here", ["--workers", "1"]), ("there", ["--scheduler", cluster])):
+        words = ["--number", "1", "--effects", "none", "--output", str(tmp_path / name)]
+        assert main(["trial", *words, *where, "--json", "-", "--quiet"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+        del found[-1]["meta"]["seconds"]
+    assert found[0] == found[1]
+    assert found[0]["tests"][0]["verdict"] == "none"
 
 
 @pytest.mark.parametrize(
@@ -127,11 +171,18 @@ def test_workers_with_other_versions(
 
 
 def test_dask_is_not_installed(
-    tests_made: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tests_made: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", "tcp://127.0.0.1:8786")
-    assert "pip install 'bulgefit[cluster]'" in said
+    folder = tmp_path / "trial"
+    fit, diagnose = ["fit", *tests_made, *SMALL], ["diagnose", *tests_made]
+    for words in (fit, diagnose, ["trial", "--output", str(folder)]):
+        said = refused(capsys, *words, "--scheduler", "tcp://127.0.0.1:8786")
+        assert "pip install 'bulgefit[cluster]'" in said
+    assert not folder.exists()
 
 
 def test_not_with_workers(tests_made: list[str], capsys: pytest.CaptureFixture[str]) -> None:

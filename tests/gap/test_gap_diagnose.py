@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import Diagnosis, diagnose
 from bulgefit.gap.noise import estimate_noise
 from bulgefit.model.specimen import Specimen
+from bulgefit.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 SIGMA = np.array([0.006, 0.006, 0.012])
@@ -120,6 +127,46 @@ def test_noise_of_static_images_and_of_the_field_agree() -> None:
     np.testing.assert_allclose(from_field.sigma, SIGMA, rtol=0.1)
     assert at_rest.inflation < 1.5
     assert from_field.inflation < 1.5
+
+
+def read(log: str, *parts: Any) -> Block:
+    """A block in the process that unpickles it; the first of them dies in the midst of its work."""
+    readers = Path(log)
+    if not readers.exists():
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    with readers.open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    return Block(*parts)
+
+
+@pytest.mark.parametrize("place", ["processes", "cluster"])
+def test_workers_elsewhere_find_the_same_to_the_last_bit(
+    place: str,
+    offset: Diagnosis,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> None:
+    """Though one of them is killed; the measured data reach each of them once."""
+    log = tmp_path / "readers"
+    packed = Block.__reduce__
+    monkeypatch.setattr(Block, "__reduce__", lambda self: (read, (str(log), *packed(self)[1])))
+    options: dict[str, Any] = {"workers": 2, "processes": True}
+    if place == "cluster":
+        options = {"scheduler": request.getfixturevalue("cluster")}
+    with open_executor(**options) as pool:
+        found = diagnose(offset.tests, effects=CANDIDATES, executor=pool)
+    assert without_times(found) == without_times(offset)
+    killed, *others = log.read_text().split()
+    assert others
+    assert killed not in others
+    assert len(set(others)) == len(others)
+
+
+def without_times(found: Diagnosis) -> dict[str, Any]:
+    out = found.to_dict()
+    del out["meta"]["seconds"]
+    return out
 
 
 def test_too_little_data_is_refused() -> None:

@@ -25,10 +25,7 @@ def data(made_by_the_model: Callable[..., Data]) -> list[Data]:
 
 @pytest.fixture(scope="module")
 def search(data: list[Data]) -> Search:
-    def in_turn(task, items):
-        return [task(item) for item in items]
-
-    return Search(data, EFFECTS, lambda _: None, in_turn)
+    return Search(data, EFFECTS, lambda _: None)
 
 
 def fitted(data: list[Data], keys: tuple[str, ...]) -> Regression:

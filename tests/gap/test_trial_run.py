@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 from concurrent.futures import Executor, Future
+from pathlib import Path
 
 import pytest
 
@@ -13,11 +15,15 @@ from bulgefit.cli import trial as verb
 from bulgefit.cli.main import _Parser
 from bulgefit.errors import InputError
 from bulgefit.gap import trial
+from bulgefit.gap.diagnosis import diagnose
 from bulgefit.gap.made_draws import FOREIGN, KNOWN
 from bulgefit.gap.made_tests import Recipe
 from bulgefit.gap.trial import plan, run_trial, score_folder
+from bulgefit.workers import open_executor
 
 SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
+#: Just enough for a diagnosis to judge.
+JUDGED = Recipe(frames=12, spacing=12.0, fineness=16)
 
 
 class Answer:
@@ -39,6 +45,23 @@ def silent(tests, **options):
 
 def broken(tests, **options):
     raise ValueError("too few points")
+
+
+def killed_once(tests, **options):
+    """A diagnosis of test_0001 kills its process in mid-run, the first time; tells who began."""
+    (test,) = tests
+    log = Path(test.source).parents[1] / "began"
+    with log.open("a") as file:
+        file.write(f"{test.name} {os.getpid()}\n")
+    first = log.read_text().count("test_0001") == 1
+    steps = []
+
+    def say(what):
+        steps.append(what)
+        if test.name == "test_0001" and first and len(steps) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return diagnose(tests, say=say, **options)
 
 
 class Inline(Executor):
@@ -128,6 +151,35 @@ def test_same_seed_same_tests_in_fresh_processes(tmp_path):
     answer = json.loads((tmp_path / "b" / "answers" / "test_0001.json").read_text())
     assert answer["given"]["process"] != os.getpid()
     assert answer["given"]["source"].endswith("test_0001.npz")
+
+
+def test_a_worker_of_a_cluster_that_dies_over_a_diagnosis(tmp_path, cluster):
+    """Verdicts are those of one worker to the last bit; what was lost is diagnosed again."""
+    options = {
+        "number": 3,
+        "kinds": ["clamp_slip", "none"],
+        "recipe": JUDGED,
+        "options": {"effects": ["clamp_slip", "rigid_motion"]},
+    }
+    alone, shared = tmp_path / "alone" / "trial", tmp_path / "shared" / "trial"
+    small(alone.parent, diagnose=diagnose, **options)
+    with open_executor(scheduler=cluster) as pool:
+        small(shared.parent, diagnose=killed_once, executor=pool, **options)
+    assert answers(shared) == answers(alone)
+    assert {answer["verdict"] for answer in answers(alone).values()} == {"named", "none"}
+    began = [line.split() for line in (shared / "began").read_text().splitlines()]
+    killed, other = (process for name, process in began if name == "test_0001")
+    assert killed != other
+
+
+def answers(folder):
+    """What was found of each test, without the times it took."""
+    found = {}
+    for path in sorted((folder / "answers").glob("*.json")):
+        answer = json.loads(path.read_text())
+        del answer["seconds"], answer["meta"]["seconds"]
+        found[path.stem] = answer
+    return found
 
 
 @pytest.mark.parametrize("strike", [False, True])

@@ -17,12 +17,13 @@ from typing import Any
 
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import BulgefitError, InputError
+from bulgefit.inverse.bootstrap import bootstrap
 from bulgefit.inverse.fit import fit
 from bulgefit.inverse.result import FitResult
 from bulgefit.model.virtual_test import Setup
-from bulgefit.spread import spread
+from bulgefit.spread import sent_once, spread
 from bulgefit.workers import Processes, open_executor
 
 Maker = Callable[..., BulgeTest]
@@ -43,6 +44,17 @@ class Data:
     def readers(self) -> list[int]:
         """The processes that unpickled it, in order."""
         return [int(line) for line in self.log.read_text().split()] if self.log.exists() else []
+
+
+@sent_once
+class Measured(Data):
+    """Data that never change."""
+
+
+def who_of(shared: tuple[Measured, str], item: int) -> tuple[int, int]:
+    data, call = shared
+    assert call in ("first", "second")
+    return who(data, item)
 
 
 def who(data: Data, item: int) -> tuple[int, int]:
@@ -98,6 +110,37 @@ def test_each_worker_of_a_cluster_reads_the_data_once(cluster: str, tmp_path: Pa
     assert [item for _, item in found] == list(range(20))
     assert len(set(workers)) == 2
     assert sorted(data.readers()) == sorted(set(workers))
+
+
+@pytest.mark.parametrize("place", ["processes", "cluster"])
+def test_what_never_changes_is_sent_for_the_first_call_alone(
+    place: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    data, other = Measured(tmp_path / "readers"), Measured(tmp_path / "other" / "readers")
+    other.log.parent.mkdir()
+    options: dict[str, Any] = {"workers": 2, "processes": True}
+    if place == "cluster":
+        options = {"scheduler": request.getfixturevalue("cluster")}
+    with open_executor(**options) as pool:
+        workers = {pid for pid, _ in spread(pool, who_of, (data, "first"), range(20))}
+        workers |= {pid for pid, _ in spread(pool, who_of, (data, "second"), range(20))}
+        assert sorted(data.readers()) == sorted(workers)
+        spread(pool, who_of, (other, "first"), range(20))
+        assert set(other.readers()) <= workers
+    assert len(workers) == 2
+
+
+def test_files_of_what_is_sent_go_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = tmp_path / "files"
+    files.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(files))
+    data = Measured(tmp_path / "readers")
+    with open_executor(1, processes=True) as pool:
+        for call in ("first", "second"):
+            spread(pool, who_of, (data, call), range(2))
+            assert len(list(files.iterdir())) == 1
+    del data
+    assert not list(files.iterdir())
 
 
 def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
@@ -183,12 +226,14 @@ class Losing(Executor):
     """A cluster that lost the data that its tasks need, for a while."""
 
     def __init__(self, times: int) -> None:
-        self.times, self.status, self._client = times, "running", self
+        self.times, self.status, self._client, self.id = times, "running", self, "client"
+        self.parcels: list[SimpleNamespace] = []
         self.scheduler = SimpleNamespace(address="inproc://here")
 
     def scatter(self, values: list[Any], **_: Any) -> list[Any]:
         self.times -= 1
-        return values
+        self.parcels = [SimpleNamespace(opened=v.opened, status="finished") for v in values]
+        return self.parcels
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -223,6 +268,19 @@ def test_data_that_a_cluster_lost_are_sent_again(tmp_path: Path) -> None:
         spread(gone, who, data, range(3))
 
 
+def test_only_what_a_cluster_lacks_is_sent(tmp_path: Path) -> None:
+    data, cluster = Measured(tmp_path / "readers"), Losing(0)
+
+    def parcels_of(call: str) -> list[SimpleNamespace]:
+        assert [i for _, i in spread(cluster, who_of, (data, call), range(2))] == [0, 1]
+        return cluster.parcels
+
+    _, held = parcels_of("first")
+    assert len(parcels_of("second")) == 1
+    held.status = "lost"
+    assert len(parcels_of("second")) == 2
+
+
 def same_but_for_time(result: FitResult) -> dict[str, Any]:
     found = result.to_dict()
     del found["seconds"]
@@ -248,6 +306,33 @@ def test_a_fit_is_the_same_to_the_last_bit(
         killed.join()
         assert first not in client.run(os.getpid).values()
     assert found == one
+
+
+def read(log: str, *parts: Any) -> Block:
+    """A block, in the process that unpickles it; an apex alone is nothing to speak of."""
+    block = Block(*parts)
+    if len(block.reference) > 1:
+        with Path(log).open("a") as file:
+            file.write(f"{os.getpid()}\n")
+    return block
+
+
+def test_a_fit_and_its_bootstrap_send_the_data_once(
+    make: Maker, setup: Setup, cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, packed = tmp_path / "readers", Block.__reduce__
+    monkeypatch.setattr(Block, "__reduce__", lambda self: (read, (str(log), *packed(self)[1])))
+    test = make(noise=0.05)
+    options: dict[str, Any] = {"bounds": BOUNDS, "setup": setup}
+    alone = bootstrap(fit(test, **options), test, replicates=4)
+    assert not log.exists()
+    with open_executor(scheduler=cluster) as pool:
+        for name in ("e", "e_w"):
+            found = fit(test, name, executor=pool, **options)
+        sure = bootstrap(found, test, replicates=4, executor=pool)
+    readers = log.read_text().split()
+    assert len(readers) == len(set(readers)) == 2
+    assert sure.values.tolist() == alone.values.tolist()
 
 
 def _kill_a_busy_one(client: Any, pid: int) -> None:

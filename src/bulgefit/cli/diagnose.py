@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shutil
 import sys
-import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -31,14 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "effect that the model leaves out causes it, and how far it shrinks once that effect is\n"
         "added. Effects are judged on data that was not fitted. The verdict is named, ambiguous,\n"
         "none (good to the noise) or unknown. Several tests share their material, all other\n"
-        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm."
+        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm. Effects are\n"
+        "tried side by side, by several --workers (processes) or those of a --scheduler; what is\n"
+        "found does not depend on them."
     )
     parser.epilog = (
         "examples:\n"
         "  bulgefit diagnose test1.npz --report report\n"
         "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
         "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
-        "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion"
+        "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion\n"
+        "  bulgefit diagnose test1.npz --thorough --scheduler tcp://cluster:8786"
     )
     add_tests_argument(parser)
     group = parser.add_argument_group("diagnosis")
@@ -74,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="written to the result; the search draws nothing at random (default: 0)",
     )
     _common.add_workers_argument(parser)
+    _common.add_scheduler_argument(parser)
     add_reader_arguments(parser)
     parser.add_argument(
         "--report",
@@ -87,9 +90,9 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, print, write and draw."""
     _common.check_json_target(args)
     effects = _effects(args.effects)
+    several = _common.workers_from(args) > 1
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
-    workers = _common.workers_from(args)
     tests = _inverse.read_tests(args)
     holdout = _holdout(args)
     if args.report is not None:
@@ -101,7 +104,11 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.report.diagnosis import report_text, write_report
 
     _common.announce_kernels(args)
-    with _Progress(quiet=args.quiet) as progress:
+    with (
+        # threads would wait for each other: most of a refit is Python
+        _common.executor_from(args, processes=several) as executor,
+        _Progress(quiet=args.quiet) as progress,
+    ):
         found = diagnose(
             tests,
             holdout=holdout,
@@ -109,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
             law=args.law,
             thorough=args.thorough,
             seed=args.seed,
-            workers=workers,
+            executor=executor,
             say=progress.say,
         )
     if args.json is not None:
@@ -146,17 +153,13 @@ def _effects(text: str | None) -> list[str] | None:
 
 
 class _Progress:
-    """Says on stderr what is being tried: one line over itself on a terminal, else a line each.
-
-    May be told from several threads.
-    """
+    """Says on stderr what is tried: one line over itself on a terminal, else a line each."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
         self._over = sys.stderr.isatty()
         self._began = time.monotonic()
         self._count = 0
-        self._lock = threading.Lock()
 
     def __enter__(self) -> _Progress:
         return self
@@ -174,14 +177,13 @@ class _Progress:
         """Show one step."""
         if self._quiet:
             return
-        with self._lock:
-            self._count += 1
-            text = f"{time.monotonic() - self._began:4.0f} s, step {self._count}: {what}"
-            if self._over:
-                width = shutil.get_terminal_size().columns - 1
-                self._write(f"\r\x1b[K{text[:width]}")
-            else:
-                self._write(f"{text}\n")
+        self._count += 1
+        text = f"{time.monotonic() - self._began:4.0f} s, step {self._count}: {what}"
+        if self._over:
+            width = shutil.get_terminal_size().columns - 1
+            self._write(f"\r\x1b[K{text[:width]}")
+        else:
+            self._write(f"{text}\n")
 
     @staticmethod
     def _write(text: str) -> None:

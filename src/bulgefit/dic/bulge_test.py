@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from bulgefit.dic import assemble
 from bulgefit.dic.check import check, increases
 from bulgefit.errors import InputError
+from bulgefit.spread import sent_once
 
 __all__ = ["Block", "BulgeTest"]
 
 Floats = NDArray[np.floating]
 
 
+@sent_once
 @dataclass(frozen=True, eq=False)
 class Block:
     """Frames that were measured at the same points. Its arrays are read-only.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,6 +33,7 @@ from bulgefit.gap.separate import Pair, indistinguishable
 from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.specimen import Specimen
 from bulgefit.threads import one_blas_thread
+from bulgefit.workers import open_executor
 
 __all__ = ["Cause", "Diagnosis", "diagnose"]
 
@@ -177,6 +179,7 @@ def diagnose(
     law: str = "hencky",
     thorough: bool = False,
     seed: int = 0,
+    executor: Executor | None = None,
     workers: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
@@ -197,10 +200,13 @@ def diagnose(
         several causes.
     seed : int
         Kept for the record; the search draws nothing at random.
+    executor : concurrent.futures.Executor, optional
+        Refits candidates side by side: processes, or `Client.get_executor()` of Dask; the result
+        does not depend on it. The measured data reach each process once.
     workers : int
-        Threads that refit candidates side by side; the result does not depend on it.
+        Threads where no executor is given. They mostly wait for each other.
     say : callable
-        Told what is being tried.
+        Told what is tried.
 
     Raises
     ------
@@ -216,7 +222,8 @@ def diagnose(
     has_time = all(t.time is not None for t in given)
     candidates = chosen_effects(effects, has_time=has_time)
     skipped = {} if has_time else {"creep": "the test has no time"}
-    with one_blas_thread(), ThreadPoolExecutor(max_workers=workers) as pool:
+    own = open_executor(workers) if executor is None else nullcontext(executor)
+    with one_blas_thread(), own as pool:
         prepared = [prepare(test, law) for test in given]
         kept_out = None if holdout is None else prepare(holdout, law)
         data = [p.data for p in prepared]
@@ -226,9 +233,9 @@ def diagnose(
             data,
             candidates,
             baseline,
+            pool,
             lambda fit: settle(prepared, fit),
             say,
-            lambda task, items: list(pool.map(task, items)),
             thorough=thorough,
         )
         say("held-out gap")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
@@ -19,11 +19,13 @@ from bulgefit.gap.search import (
     TIE_SHARE,
     Candidate,
     Groups,
-    Run,
     Search,
 )
 from bulgefit.gap.structure import Structure, structure
-from bulgefit.gap.universe import Universe, forms_in_reach
+from bulgefit.gap.universe import Universe, forms_in_reach, observed
+from bulgefit.model.specimen import Shapes
+from bulgefit.spread import spread
+from bulgefit.threads import one_blas_thread
 
 __all__ = ["Explanation", "Round", "explain", "leaves_a_trace"]
 
@@ -89,17 +91,13 @@ class Explanation:
     partial: bool
 
 
-def _in_turn(task: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    return [task(item) for item in items]
-
-
 def explain(
     data: Sequence[Data],
     effects: Sequence[Effect],
     baseline: Regression,
+    executor: Executor,
     settle: Callable[[Regression], Regression] = lambda fit: fit,
     say: Callable[[str], None] = lambda _: None,
-    run: Run = _in_turn,
     *,
     thorough: bool = False,
 ) -> Explanation:
@@ -112,24 +110,24 @@ def explain(
         Candidates.
     baseline : Regression
         The moduli alone.
+    executor : concurrent.futures.Executor
+        Refits candidates side by side.
     settle : callable
         Given a fit with an effect more: renews what is known of noise and mesh, and fits again.
     say : callable
-        Told what is being tried.
-    run : callable
-        Maps a task over items, in order: an executor's map as a list.
+        Told what is tried.
     thorough : bool
         Add up to `MOST_THOROUGH` effects.
     """
     usable = [e for e in effects if not e.never_separable]
-    search = Search(data, usable, say, run)
+    search = Search(data, usable, say)
     current = baseline
     groups: Groups = {}
     start = remainder = structure(data, baseline)
     rounds: list[Round] = []
     most = MOST_THOROUGH if thorough else MOST_EFFECTS
     while remainder.significant:
-        found = _round(search, current, groups, most)
+        found = _round(search, executor, current, groups, most)
         rounds.append(found)
         if found.taken is None:
             break
@@ -183,7 +181,9 @@ def leaves_a_trace(
     return remainder.smooth > remainder.by_chance + LEFT_BEHIND * taken_off
 
 
-def _round(search: Search, current: Regression, groups: Groups, most: int) -> Round:
+def _round(
+    search: Search, executor: Executor, current: Regression, groups: Groups, most: int
+) -> Round:
     """Free each effect beside what is in the model; take the one that held-out data pay for.
 
     Once there are so many effects as may be, only larger forms of them are tried.
@@ -196,33 +196,42 @@ def _round(search: Search, current: Regression, groups: Groups, most: int) -> Ro
         if len(groups) < most or forecast[1] in groups
     ]
 
-    def attempt(item: tuple[float, str, tuple[str, ...]]) -> Candidate | None:
-        _, effect, keys = item
-        search.say(_trial_name(groups, effect, keys))
-        fit = _refit(search, current, search.freed(current, effect, keys), known)
-        return None if fit is None else search.candidate(effect, keys, fit, realised=False)
+    def finished(candidates: Sequence[Candidate]) -> list[Candidate]:
+        def said(index: int, _: Regression) -> None:
+            one = candidates[index]
+            search.say(f"{_trial_name(groups, one.effect, one.keys)}, to the end")
 
-    def finish(candidate: Candidate) -> Candidate:
-        fit = candidate.fit
-        if fit.converged:
-            return search.candidate(candidate.effect, candidate.keys, fit)
-        search.say(f"{_trial_name(groups, candidate.effect, candidate.keys)}, to the end")
-        near = [p.shapes for p in fit.predictions]
-        fit = regress(search.data, fit.keys, fit.values, near, iterations=LAST_STEPS)
-        return search.candidate(candidate.effect, candidate.keys, fit)
+        fits = [c.fit for c in candidates]
+        ends = spread(executor, _last_steps, (search.data, fits), range(len(fits)), said)
+        return [
+            search.candidate(c.effect, c.keys, end) for c, end in zip(candidates, ends, strict=True)
+        ]
 
-    tried = search.run(attempt, forecasts[:LATER_REFITS] if groups else forecasts)
-    candidates = sorted((c for c in tried if c is not None), key=lambda c: c.score)
+    chosen = forecasts[:LATER_REFITS] if groups else forecasts
+    freed = [search.freed(current, effect, keys) for _, effect, keys in chosen]
+    fits = spread(
+        executor,
+        _first_steps,
+        (search.data, current, [p.shapes for p in known.predictions]),
+        [(keys, known.starts(keys, [k for k in keys if k not in current.keys])) for keys in freed],
+        lambda index, _: search.say(_trial_name(groups, *chosen[index][1:])),
+    )
+    tried = [
+        search.candidate(effect, keys, fit, realised=False)
+        for (_, effect, keys), fit in zip(chosen, fits, strict=True)
+        if fit is not None
+    ]
+    candidates = sorted(tried, key=lambda c: c.score)
     if not candidates:
         return Round(before, [], None)
     reach = candidates[0].score + max(2 * TIE, FINAL_SHARE * (before - candidates[0].held_out))
     finalists = [c for c in candidates[:FINALISTS] if c.score <= reach]
-    candidates[: len(finalists)] = search.run(finish, finalists)
+    candidates[: len(finalists)] = finished(finalists)
     candidates.sort(key=lambda c: c.score)
-    finished = {c.effect for c in finalists}
-    while candidates[0].effect not in finished:  # a forecast that now leads
-        finished.add(candidates[0].effect)
-        candidates[0] = finish(candidates[0])
+    ended = {c.effect for c in finalists}
+    while candidates[0].effect not in ended:  # a forecast that now leads
+        ended.add(candidates[0].effect)
+        candidates[:1] = finished(candidates[:1])
         candidates.sort(key=lambda c: c.score)
     return _judged(search, before, candidates, current)
 
@@ -303,24 +312,40 @@ def _smallest(search: Search, candidate: Candidate, current: Regression) -> Cand
     return candidate
 
 
-def _refit(
-    search: Search, current: Regression, freed: Sequence[str], known: Universe
+def _first_steps(
+    here: tuple[Sequence[Data], Regression, Sequence[Shapes]],
+    item: tuple[Sequence[str], Mapping[str, float]],
 ) -> Regression | None:
-    """First steps from the current fit with others freed; None where nothing balances."""
+    """First steps with others freed, from where the new ones start; None where nothing balances.
+
+    From the data, the current fit, and its shapes with derivatives by all that could be freed.
+    """
+    data, current, shapes = here
+    freed, new = item
     gone = set(current.keys) - set(freed)
-    start = {k: v for k, v in current.values.items() if k not in gone}
-    new = [k for k in freed if k not in current.keys]
-    start.update(known.starts(freed, new))
-    at_null = not gone and all(start[k] == null_of(k, search.data) for k in new)
+    start = {**{k: v for k, v in current.values.items() if k not in gone}, **new}
+    at_null = not gone and all(value == null_of(k, data) for k, value in new.items())
     near = [p.shapes for p in current.predictions]
     try:
-        return regress(
-            search.data,
-            freed,
-            start,
-            near,
-            iterations=FIRST_STEPS,
-            known=known.at(freed) if at_null else None,
-        )
+        with one_blas_thread():
+            return regress(
+                data,
+                freed,
+                start,
+                near,
+                iterations=FIRST_STEPS,
+                known=observed(data, shapes, freed) if at_null else None,
+            )
     except (SolveError, InputError):
         return None
+
+
+def _last_steps(here: tuple[Sequence[Data], Sequence[Regression]], index: int) -> Regression:
+    """One of several fits, on to its end."""
+    data, fits = here
+    fit = fits[index]
+    if fit.converged:
+        return fit
+    near = [p.shapes for p in fit.predictions]
+    with one_blas_thread():
+        return regress(data, fit.keys, fit.values, near, iterations=LAST_STEPS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import STEADY, Effect
@@ -19,14 +18,11 @@ __all__ = [
     "TIE_SHARE",
     "Candidate",
     "Groups",
-    "Run",
     "Search",
 ]
 
 #: Effect id to its freed keys.
 Groups = dict[str, tuple[str, ...]]
-#: Maps a task over items, in order.
-Run = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]
 
 #: Held-out improvement (sum of squares in noise units, correlation allowed for) that an effect
 #: must bring, and more for each of its parameters.
@@ -70,7 +66,6 @@ class Search:
     data: Sequence[Data]
     effects: Sequence[Effect]
     say: Callable[[str], None]
-    run: Run
 
     def candidate(
         self, effect: str, keys: tuple[str, ...], fit: Regression, *, realised: bool = True

@@ -21,9 +21,9 @@ from bulgefit.gap.keys import (
 )
 from bulgefit.gap.normal import NormalEquations, normal_equations
 from bulgefit.gap.regress import Regression
-from bulgefit.model.specimen import Prediction
+from bulgefit.model.specimen import Prediction, Shapes
 
-__all__ = ["Universe", "forms_in_reach", "universe"]
+__all__ = ["Universe", "forms_in_reach", "observed", "universe"]
 
 
 @dataclass(eq=False)
@@ -95,16 +95,6 @@ class Universe:
                 out[key] = mirrored
         return out
 
-    def at(self, keys: Sequence[str]) -> list[Prediction]:
-        """The predictions with derivatives by `keys` alone."""
-        several, out = len(self.predictions) > 1, []
-        for index, p in enumerate(self.predictions):
-            names, _ = names_of(self.keys, index, several)
-            wanted, _ = names_of(keys, index, several)
-            rows = [names.index(name) for name in wanted]
-            out.append(Prediction(p.displacement, p.derivative[rows], p.shapes))
-        return out
-
 
 def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -> Universe:
     """Normal equations at a fit, by everything that could be freed."""
@@ -121,6 +111,16 @@ def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -
         predictions.append(d.specimen.predict(specimen_values(fit.values, index), wanted, p.shapes))
     normal = normal_equations(data, predictions, (*keys, *field))
     return Universe(keys, field, normal, fit.inflation, data, predictions)
+
+
+def observed(
+    data: Sequence[Data], shapes: Sequence[Shapes], keys: Sequence[str]
+) -> list[Prediction]:
+    """Predictions at known shapes, with derivatives by `keys` alone."""
+    return [
+        d.specimen.observe(s, names_of(keys, index, len(data) > 1)[0])
+        for index, (d, s) in enumerate(zip(data, shapes, strict=True))
+    ]
 
 
 def forms_in_reach(current: Regression, effect: Effect, count: int) -> list[tuple[str, ...]]:

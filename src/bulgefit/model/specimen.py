@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,11 @@ class Specimen:
         self.recorded = np.asarray(self.test.pressure, dtype=np.float64)
         self.time = None if self.test.time is None else np.asarray(self.test.time, np.float64)
         self.mesh = disc(self.test.radius, self.refine)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # what comes from the test, or is as soon made as sent, is made again; the window is not
+        known = self.test, self.refine, self.law, self.correction
+        return Specimen, (*known, None, self._window)
 
     def nulls(self) -> dict[str, float]:
         """The parameters of the baseline: everything unmodelled at its null."""
