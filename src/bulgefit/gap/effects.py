@@ -231,7 +231,7 @@ CATALOGUE: dict[str, Effect] = {
             "dic_smoothing",
             "camera",
             "displacement is averaged over a window",
-            (EffectParameter("window", "mm", 0.0, 15.0, 5.0),),
+            (EffectParameter("window", "mm", 0.0, 15.0, 8.0),),
         ),
     )
 }
