@@ -33,7 +33,7 @@ from bulgefit.gap.effects import MODULI
 from bulgefit.gap.measure import gap_of, weight_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.camera import flattened
-from bulgefit.model.places import KNEE
+from bulgefit.model.places import KNEE, applied_pressure
 from bulgefit.model.specimen import Specimen
 
 TESTS = (1, 2, 4)
@@ -96,7 +96,8 @@ def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> d
         between = griddata(known, offset, at)
         outside = ~np.isfinite(between)
         between[outside] = griddata(known, offset, at, method="nearest")[outside]
-        residual = residual - flattened(specimen.recorded, fit.values)[:, None, None] * between
+        share = flattened(applied_pressure(specimen.recorded, fit.values), fit.values)
+        residual = residual - share[:, None, None] * between
     return gap_of([residual], [np.ones(3)], weight)
 
 

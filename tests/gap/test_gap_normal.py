@@ -82,21 +82,30 @@ def test_without_offsets_folds_add_up(scene: tuple[Data, Prediction]) -> None:
     assert found.count == data.used.sum()
 
 
-def test_the_flattening_pressure_moves_the_best_offsets(scene: tuple[Data, Prediction]) -> None:
-    """Slope of what is left at the best offsets, by the flattening pressure."""
+@pytest.mark.parametrize(
+    ("name", "here"),
+    [
+        ("reference_state.flattening", 0.4),
+        ("pressure_offset.offset", 0.02),
+        ("pressure_gain.gain", 0.05),
+    ],
+)
+def test_what_pressure_flattens_moves_the_best_offsets(
+    scene: tuple[Data, Prediction], name: str, here: float
+) -> None:
+    """Slope of what is left at the best offsets, by all that the flattened share depends on."""
     data, prediction = scene
-    name = "reference_state.flattening"
 
-    def left(pressure: float) -> float:
-        shapes = SimpleNamespace(values={name: pressure})
-        none = prediction.derivative[:0]
-        moved = Prediction(prediction.displacement, none, shapes)
-        return normal_equations([data], [moved], (FIELD,)).whole.square
+    def at(value: float, derivative: np.ndarray) -> Prediction:
+        shapes = SimpleNamespace(values={**FLATTENING, name: value})
+        return Prediction(prediction.displacement, derivative, shapes)
+
+    def left(value: float) -> float:
+        there = at(value, prediction.derivative[:0])
+        return normal_equations([data], [there], (FIELD,)).whole.square
 
     step = 1e-5
-    slope = (left(0.4 + step) - left(0.4 - step)) / (2 * step)
-    still = Prediction(
-        prediction.displacement, np.zeros((1, *prediction.displacement.shape)), prediction.shapes
-    )
+    slope = (left(here + step) - left(here - step)) / (2 * step)
+    still = at(here, np.zeros((1, *prediction.displacement.shape)))
     found = normal_equations([data], [still], (name, FIELD)).whole.gradient[0]
     assert -2.0 * found == pytest.approx(slope, rel=1e-6)

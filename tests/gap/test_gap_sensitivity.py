@@ -154,6 +154,16 @@ def test_rigid_motion_moves_the_frame(specimen: Specimen) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
+def test_the_fixture_moves_with_the_true_pressure(specimen: Specimen) -> None:
+    load = {**MODULI, "pressure_offset.offset": 0.02, "pressure_gain.gain": 0.03}
+    moved = specimen.predict({**load, "fixture_motion.shift_x": 0.1}).displacement
+    found = moved - specimen.predict(load).displacement
+    expected = 0.1 * (10.0 * specimen.recorded - 0.02) / 1.03
+    np.testing.assert_allclose(
+        found[..., 0], np.broadcast_to(expected[:, None], found.shape[:2]), atol=1e-12
+    )
+
+
 def test_reference_state_is_taken_off(specimen: Specimen) -> None:
     x = specimen.reference[:, 0] / 100.0
     found = _change(specimen, reference_state__z10=0.5)

@@ -200,7 +200,7 @@ CATALOGUE: dict[str, Effect] = {
         Effect(
             "fixture_motion",
             "camera",
-            "the clamp tilts and shifts in proportion to pressure",
+            "the clamp tilts and shifts in proportion to the true pressure",
             _several(_TURNS, "degree/bar", 0.5) + _several(_SHIFTS, "mm/bar", 1.0),
         ),
         Effect(

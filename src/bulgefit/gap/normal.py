@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, SECTORS, Data
 from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
-from bulgefit.model.camera import FLATTENING, flattened, flattened_slope
+from bulgefit.model.camera import FLATTENING, flattened, flattened_rate, flattened_slope
+from bulgefit.model.places import LOAD, applied_derivative, applied_pressure
 from bulgefit.model.specimen import Prediction
 
 __all__ = [
@@ -190,15 +191,24 @@ def _plain(data: Data, rows: Floats) -> _Parts:
 def offsets_change(data: Data, prediction: Prediction, names: Sequence[str]) -> Floats:
     """Derivatives of what offsets of every point show in each frame, (names, frames, points, 3).
 
-    Of the parameters the flattening pressure alone changes that; at the offsets as they are for a
-    prediction without them.
+    Of the parameters the flattening pressure and what pressure there is change that; at the offsets
+    as they are for a prediction without them.
     """
     out = np.zeros((len(names), *prediction.displacement.shape))
-    if FLATTENING in names:
+    recorded, values = data.specimen.recorded, prediction.shapes.values
+    applied = applied_pressure(recorded, values)
+    slopes = {
+        name: flattened_slope(applied, values)
+        if name == FLATTENING
+        else flattened_rate(applied, values) * applied_derivative(name, recorded, values)
+        for name in names
+        if name == FLATTENING or name in LOAD
+    }
+    if slopes:
         residual = data.specimen.measured - prediction.displacement
         offset = offsets_of(residual, data.used, shown(data, prediction))
-        slope = flattened_slope(data.specimen.recorded, prediction.shapes.values)
-        out[names.index(FLATTENING)] = slope[:, None, None] * offset
+        for name, slope in slopes.items():
+            out[names.index(name)] = slope[:, None, None] * offset
     return out
 
 
@@ -244,7 +254,8 @@ def _inverse(count: Floats) -> Floats:
 
 def shown(data: Data, prediction: Prediction) -> Floats:
     """Share (frames,) by which an offset of every point shows in each frame."""
-    return flattened(data.specimen.recorded, prediction.shapes.values)
+    values = prediction.shapes.values
+    return flattened(applied_pressure(data.specimen.recorded, values), values)
 
 
 def offsets_of(residual: Floats, used: NDArray[np.bool_], share: Floats) -> Floats:

@@ -20,6 +20,7 @@ __all__ = [
     "FLATTENING",
     "REFERENCE_MODES",
     "flattened",
+    "flattened_rate",
     "flattened_slope",
     "material_points",
     "reference_modes",
@@ -76,6 +77,13 @@ def flattened_slope(pressure: Floats, values: Mapping[str, float]) -> Floats:
     return -bar / (bar + values.get(FLATTENING, 0.0)) ** 2
 
 
+def flattened_rate(pressure: Floats, values: Mapping[str, float]) -> Floats:
+    """∂(flattened share)/∂p, (frames,) 1/MPa."""
+    bar = 10.0 * np.maximum(pressure, 1e-6)
+    half = values.get(FLATTENING, 0.0)
+    return 10.0 * half / (bar + half) ** 2
+
+
 def _motion(values: Mapping[str, float], pressure_bar: float) -> tuple[Floats, Floats]:
     """Rotation vector (degree) and shift (mm) of the frame at a pressure."""
     rigid = np.array([values.get(name, 0.0) for name in _RIGID])
@@ -95,7 +103,7 @@ def seen(
         At the material points, averaged over the window.
     reference : (n, 3) array, mm
     pressure : (frames,) array, MPa
-        As recorded; the fixture moves in proportion to it.
+        On the clamp, which moves in proportion to it.
     """
     out = (1.0 + values.get("dic_scale.scale", 0.0)) * moved
     state = _state(reference, radius, values)
@@ -167,3 +175,12 @@ def camera_derivative(
         moved, reference, pressure, radius, down
     )
     return difference / (2.0 * step)
+
+
+def pressure_derivative(
+    moved: Floats, reference: Floats, pressure: Floats, radius: float, values: Mapping[str, float]
+) -> Floats:
+    """∂(reported)/∂(pressure on the clamp) at fixed fabric displacements, (frames, n, 3) mm/MPa."""
+    step = 1e-3 * pressure
+    ahead, behind = (seen(moved, reference, pressure + h, radius, values) for h in (step, -step))
+    return (ahead - behind) / (2.0 * step)[:, None, None]

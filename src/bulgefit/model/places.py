@@ -2,7 +2,7 @@
 
 Names are `effect.parameter`. Where a null is not zero it is a test's own (nu12). The definitions
 and signs stand with the terms: shape and clamp in `reference_surface`, material in `fabric_of`,
-load in `true_pressure`, camera in `bulgefit.model.camera`.
+load in `applied_pressure` and `balanced_pressure`, camera in `bulgefit.model.camera`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,12 @@ __all__ = [
     "KNEE",
     "LOAD",
     "MECHANICS",
+    "applied_derivative",
+    "applied_pressure",
+    "balanced_derivative",
+    "balanced_pressure",
     "fabric_of",
-    "load_derivative",
     "reference_surface",
-    "true_pressure",
 ]
 
 Floats = NDArray[np.float64]
@@ -146,28 +148,38 @@ def _decades(time: Floats) -> Floats:
     return np.log10(1.0 + np.maximum(elapsed, 0.0) / max(step, 1e-9))
 
 
-def true_pressure(recorded: Floats, time: Floats | None, values: Mapping[str, float]) -> Floats:
+def applied_pressure(recorded: Floats, values: Mapping[str, float]) -> Floats:
+    """Pressure (MPa) on the fabric and its clamp: recorded = true (1 + gain) + offset (bar)."""
+    offset = 0.1 * values.get("pressure_offset.offset", 0.0)
+    return (recorded - offset) / (1.0 + values.get("pressure_gain.gain", 0.0))
+
+
+def applied_derivative(name: str, recorded: Floats, values: Mapping[str, float]) -> Floats:
+    """∂(applied pressure)/∂(a load parameter), (frames,)."""
+    gain = 1.0 + values.get("pressure_gain.gain", 0.0)
+    if name == "pressure_offset.offset":
+        return np.full_like(recorded, -0.1 / gain)
+    if name == "pressure_gain.gain":
+        return -applied_pressure(recorded, values) / gain
+    return np.zeros_like(recorded)
+
+
+def balanced_pressure(recorded: Floats, time: Floats | None, values: Mapping[str, float]) -> Floats:
     """Pressure (MPa) that the model must balance in each frame.
 
-    recorded = true (1 + gain) + offset, offset in bar. A fabric whose stiffness creeps down to a
-    share c of what it was balances p as the fresh one balances p/c.
+    A fabric whose stiffness creeps down to a share c of what it was balances p as the fresh one
+    balances p/c.
     """
-    offset = 0.1 * values.get("pressure_offset.offset", 0.0)
-    gain = values.get("pressure_gain.gain", 0.0)
-    return (recorded - offset) / ((1.0 + gain) * _softening(time, values.get("creep.rate", 0.0)))
+    softening = _softening(time, values.get("creep.rate", 0.0))
+    return applied_pressure(recorded, values) / softening
 
 
-def load_derivative(
+def balanced_derivative(
     name: str, recorded: Floats, time: Floats | None, values: Mapping[str, float]
 ) -> Floats:
-    """∂(true pressure)/∂(a load parameter), (frames,)."""
-    pressure = true_pressure(recorded, time, values)
-    if name == "pressure_offset.offset":
-        softening = _softening(time, values.get("creep.rate", 0.0))
-        return np.full_like(recorded, -0.1) / (
-            (1.0 + values.get("pressure_gain.gain", 0.0)) * softening
-        )
-    if name == "pressure_gain.gain":
-        return -pressure / (1.0 + values.get("pressure_gain.gain", 0.0))
+    """∂(balanced pressure)/∂(a load parameter), (frames,)."""
+    softening = _softening(time, values.get("creep.rate", 0.0))
+    if name != "creep.rate":
+        return applied_derivative(name, recorded, values) / softening
     assert time is not None
-    return pressure * _decades(time) / _softening(time, values.get("creep.rate", 0.0))
+    return balanced_pressure(recorded, time, values) * _decades(time) / softening

@@ -27,6 +27,7 @@ from bulgefit.model.camera import (
     POINTS,
     camera_derivative,
     material_points,
+    pressure_derivative,
     seen,
     through,
 )
@@ -34,10 +35,12 @@ from bulgefit.model.places import (
     KNEE,
     LOAD,
     MECHANICS,
+    applied_derivative,
+    applied_pressure,
+    balanced_derivative,
+    balanced_pressure,
     fabric_of,
-    load_derivative,
     semi_axes,
-    true_pressure,
 )
 from bulgefit.model.smooth import SmoothField, smooth_field
 from bulgefit.model.window import Window
@@ -178,7 +181,7 @@ class Specimen:
         given = {**self.nulls(), **values}
         membrane = self.membrane(given)
         stiffness = _stiffness(given)
-        pressure = np.maximum(true_pressure(self.recorded, self.time, given), 1e-6)
+        pressure = np.maximum(balanced_pressure(self.recorded, self.time, given), 1e-6)
         balances = self._balance(membrane, stiffness, pressure, given, near)
         wanted = list(names)
         forces = {name: _Difference(self, given, name) for name in wanted if name in MECHANICS}
@@ -188,7 +191,7 @@ class Specimen:
             if name in MECHANICS or name in LOAD
         }
         load = {
-            name: load_derivative(name, self.recorded, self.time, given)
+            name: balanced_derivative(name, self.recorded, self.time, given)
             for name in wanted
             if name in LOAD
         }
@@ -261,7 +264,8 @@ class Specimen:
         given = shapes.values
         averaged, plain = self._operators(given)
         moved = _apply(averaged.value, shapes.displacement)
-        place = (self.reference, self.recorded, self.test.radius, given)
+        applied = np.maximum(applied_pressure(self.recorded, given), 1e-6)
+        place = (self.reference, applied, self.test.radius, given)
         displacement = seen(moved, *place)
         if self.correction is not None:
             displacement = displacement + self.correction
@@ -269,9 +273,10 @@ class Specimen:
         for row, name in zip(rows, names, strict=True):
             row[:] = 0.0
             if name in shapes.derivative:
-                row += through(
-                    _apply(averaged.value, shapes.derivative[name]), self.recorded, given
-                )
+                row += through(_apply(averaged.value, shapes.derivative[name]), applied, given)
+            if name in LOAD:
+                by_name = applied_derivative(name, self.recorded, given)
+                row += by_name[:, None, None] * pressure_derivative(moved, *place)
             if name in CAMERA and name != "dic_smoothing.window":
                 row += camera_derivative(name, moved, *place)
             motion = self._point_motion(name, given)
@@ -279,9 +284,9 @@ class Specimen:
                 by_x = _apply(averaged.by_x, shapes.displacement)
                 by_y = _apply(averaged.by_y, shapes.displacement)
                 change = motion[:, :1] * by_x + motion[:, 1:] * by_y
-                row += through(change, self.recorded, given)
+                row += through(change, applied, given)
             if name == "dic_smoothing.window":
-                row += through(self._window_derivative(shapes, plain), self.recorded, given)
+                row += through(self._window_derivative(shapes, plain), applied, given)
         return Prediction(displacement, rows, shapes)
 
     def _unit_points(self, values: Mapping[str, float]) -> Floats:
