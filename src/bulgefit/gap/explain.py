@@ -34,13 +34,14 @@ MOST_EFFECTS, MOST_THOROUGH = 4, 8
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
 #: they stand in for is then unknown.
 MOST_NAMED = 3
-#: From so many effects on, what they leave of the gap's pattern is looked at more closely.
-SEVERAL = 2
-#: A catalogue effect is modelled to about 1 % of what it does; several that stand in for something
-#: else come near it, but leave more of its pattern. Of what several effects take off the mean
-#: square, their smooth, persistent remainder may be this share. On made tests two or three true
-#: effects left up to 0.0003 of it, two to four that stood in for a bent image 0.0019 to 0.0041,
-#: whatever its size.
+#: From so many effects or parameters on, what they leave of the gap's pattern is looked at more
+#: closely: they can come near what something else does.
+SEVERAL, MANY = 2, 9
+#: A catalogue effect is modelled to about 1 % of what it does; those that stand in for something
+#: else come near it, but leave more of its pattern. Of what they take off the mean square, their
+#: smooth, persistent remainder may be this share. On made tests two or three true effects left up
+#: to 0.0003 of it, two to four that stood in for a bent image 0.0019 to 0.0041, whatever its size;
+#: a true reference state nothing, one that stood in for smoothing 0.0019 to 0.010.
 LEFT_BEHIND = 1e-3
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains. A thorough search goes on.
@@ -77,7 +78,7 @@ class Explanation:
         Of the final model's residual.
     partial : bool
         The effects do not explain the gap: they leave structure, are more than `MOST_NAMED`, or
-        are several and leave a trace of what they stand in for.
+        could imitate something else and leave a trace of it.
     """
 
     baseline: Regression
@@ -148,7 +149,7 @@ def explain(
     partial = (
         remainder.significant
         or len(groups) > MOST_NAMED
-        or (len(groups) >= SEVERAL and leaves_a_trace(data, baseline, current, remainder))
+        or (_can_imitate(search, groups) and leaves_a_trace(data, baseline, current, remainder))
     )
     return Explanation(
         baseline,
@@ -167,6 +168,11 @@ def _still_freed(groups: Groups, current: Regression) -> Groups:
     """Groups without what an offset of every point has taken the place of."""
     kept = {name: tuple(k for k in keys if k in current.keys) for name, keys in groups.items()}
     return {name: keys for name, keys in kept.items() if keys}
+
+
+def _can_imitate(search: Search, groups: Groups) -> bool:
+    """Whether effects are flexible enough to come near what they are not."""
+    return len(groups) >= SEVERAL or any(search.size(keys) >= MANY for keys in groups.values())
 
 
 def leaves_a_trace(
