@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import MODULI
-from bulgefit.gap.explain import leaves_a_trace
+from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import explain, leaves_a_trace
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
 
@@ -66,3 +67,26 @@ def test_a_trace_counts_beside_what_was_explained(scene: Scene, gap: float, betr
     near = scene.missing(0.25)
     found = structure(scene.data, near)
     assert leaves_a_trace(scene.data, scene.missing(gap), near, found) is betrayed
+
+
+@pytest.mark.parametrize(
+    ("cause", "imitated"),
+    [
+        ({"dic_smoothing.window": 4.0}, True),
+        ({"prestrain.slack_x": 2e-4, "prestrain.slack_y": 2e-4}, True),
+        ({"reference_state.z20": 0.05, "reference_state.x02": 0.02}, False),
+    ],
+    ids=["smoothing", "slack", "reference state"],
+)
+def test_one_flexible_effect_is_betrayed_as_well(
+    made_by_the_model: Callable[..., Data], cause: dict[str, float], imitated: bool
+) -> None:
+    """A reference state comes near what small windows and slack do, and leaves no structure."""
+    data = [made_by_the_model({**TRUTH, **cause}, spacing=6.0, frames=12, seed=3)]
+    with ThreadPoolExecutor(1) as executor:
+        found = explain(
+            data, [CATALOGUE["reference_state"]], regress(data, MODULI, TRUTH), executor
+        )
+    assert [*found.groups] == ["reference_state"]
+    assert not found.remainder.significant
+    assert found.partial is imitated
