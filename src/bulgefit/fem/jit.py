@@ -65,7 +65,7 @@ def _announced(load: Callable[..., Any]) -> Callable[..., Any]:
 @cache
 def _announce() -> None:
     """Tell the user what takes so long, once."""
-    print("bulgefit: compiling kernels, once per machine (about 10 s)", file=sys.stderr)
+    print("bulgefit: compiling kernels, once per machine (about 15 s)", file=sys.stderr)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
