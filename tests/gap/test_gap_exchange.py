@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -12,6 +12,7 @@ from bulgefit.gap.exchange import evidence_of, exchanged
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search
 from bulgefit.gap.universe import universe
+from bulgefit.workers import open_executor
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0, "pressure_offset.offset": 0.03}
 EFFECTS = [CATALOGUE[e] for e in ("pressure_offset", "rigid_motion", "reference_state")]
@@ -24,8 +25,9 @@ def data(made_by_the_model: Callable[..., Data]) -> list[Data]:
 
 
 @pytest.fixture(scope="module")
-def search(data: list[Data]) -> Search:
-    return Search(data, EFFECTS, lambda _: None)
+def search(data: list[Data]) -> Iterator[Search]:
+    with open_executor(2) as threads:
+        yield Search(data, EFFECTS, threads, lambda _: None)
 
 
 def fitted(data: list[Data], keys: tuple[str, ...]) -> Regression:

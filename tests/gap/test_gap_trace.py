@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
+from bulgefit.gap.doubt import leaves_a_trace
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import explain, leaves_a_trace
+from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
 
@@ -89,4 +90,25 @@ def test_one_flexible_effect_is_betrayed_as_well(
         )
     assert [*found.groups] == ["reference_state"]
     assert not found.remainder.significant
-    assert found.partial is imitated
+    assert found.doubt == ("trace" if imitated else "")
+
+
+@pytest.mark.parametrize(
+    ("cause", "completed"),
+    [
+        ({"initial_shape.h0": 2.5}, True),
+        ({"reference_state.z20": 0.05, "pressure_offset.offset": 0.02}, False),
+    ],
+    ids=["dome", "reference state and offset"],
+)
+def test_what_completes_a_flexible_effect_is_not_named(
+    made_by_the_model: Callable[..., Data], cause: dict[str, float], completed: bool
+) -> None:
+    """A reference state comes near what a dome does; an offset of pressure takes what it misses."""
+    data = [made_by_the_model({**TRUTH, **cause}, spacing=6.0, frames=12, seed=3)]
+    effects = [CATALOGUE["reference_state"], CATALOGUE["pressure_offset"]]
+    with ThreadPoolExecutor(1) as executor:
+        found = explain(data, effects, regress(data, MODULI, TRUTH), executor)
+    assert {*found.groups} == {"reference_state", "pressure_offset"}
+    assert not found.remainder.significant
+    assert found.doubt == ("completion" if completed else "")

@@ -132,6 +132,7 @@ def replace_groups(found, **changes):
         evidence={},
         rounds=rounds,
         remainder=changes.pop("rest", e.start),
+        doubt=changes.pop("doubt", "structure"),
     )
     gaps = {
         **found.gaps,
@@ -188,17 +189,21 @@ def test_words_of_every_verdict(found):
     assert "no effect tried explains" in text
     assert "standard errors" in text
     assert "It looks like" in text
-    silent = replace_groups(found, rest=found.explanation.remainder)
+    silent = replace_groups(found, rest=found.explanation.remainder, doubt="")
     silent.verdict = "none"
     assert "good to the noise" in text_of(words.page(silent))
     (cause,) = found.causes
     traced = replace(found.explanation.remainder, smooth=0.04, by_chance=0.01)
-    near = replace_groups(found, rest=traced)
-    near.causes = [replace(cause, partial=True)] * 3
-    assert "leave a trace" in text_of(words.page(near))
-    assert "0.2 noise units" in text_of(words.page(near))
-    near.causes *= 2
-    assert "It takes 6 effects" in text_of(words.page(near))
+    for doubt, count, text in [
+        ("trace", 1, "near the noise, but leaves a trace"),
+        ("trace", 3, "together come near the noise, but leave a trace"),
+        ("trace", 3, "0.2 noise units"),
+        ("completion", 2, "takes so little of the gap beside a flexible one"),
+        ("many", 6, "It takes 6 effects"),
+    ]:
+        near = replace_groups(found, rest=traced, doubt=doubt)
+        near.causes = [replace(cause, partial=True)] * count
+        assert text in text_of(words.page(near))
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
     ambiguous = replace(found, verdict="ambiguous", causes=[split])
     for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):

@@ -8,13 +8,12 @@ a solve; the promising ones are fitted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
 
-from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.keys import group_keys, null_of
-from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import (
     GAIN,
     GAIN_PER_PARAMETER,
@@ -22,11 +21,12 @@ from bulgefit.gap.search import (
     TIE_SHARE,
     Groups,
     Search,
+    Trial,
 )
 from bulgefit.gap.structure import structure
 from bulgefit.gap.universe import Universe
 
-__all__ = ["Evidence", "evidence_of", "exchanged", "without_superfluous"]
+__all__ = ["Evidence", "evidence_of", "exchanged", "loss_without", "without_superfluous"]
 
 #: Exchanges that are made at most, and fits that are tried for each.
 MOST_EXCHANGES, MOST_TRIED = 3, 4
@@ -75,25 +75,37 @@ def without_superfluous(
 
     Those whose loss held-out data do not mind, or leaves nothing that noise could not have made.
     """
-    for effect in sorted(groups, key=lambda name: -search.size(groups[name])):
-        if len(groups) == 1:
+    kept = sorted(groups, key=lambda name: -search.size(groups[name]))
+    while len(groups) > 1 and kept:
+        fits = search.fits(current, [_trial_without(current, name, groups[name]) for name in kept])
+        enough = [
+            (at, fit)
+            for at, (name, fit) in enumerate(zip(kept, fits, strict=True))
+            if fit is not None and _is_enough(search, current, fit, groups[name])
+        ]
+        if not enough:
             break
-        keys = groups[effect]
-        search.say(f"without {effect}")
-        kept = tuple(k for k in current.keys if k not in keys)
-        start = {k: v for k, v in current.values.items() if k not in keys}
-        try:
-            fit = regress(search.data, kept, start, [p.shapes for p in current.predictions])
-        except (SolveError, InputError):
-            continue
-        loss = fit.held_out() - current.held_out()
-        if (
-            loss < GAIN + GAIN_PER_PARAMETER * search.size(keys)
-            or not structure(search.data, fit).significant
-        ):
-            current = fit
-            groups = {name: group for name, group in groups.items() if name != effect}
+        at, current = enough[0]
+        groups = {name: keys for name, keys in groups.items() if name != kept[at]}
+        kept = kept[at + 1 :]  # those before it were needed even beside it
     return current, groups
+
+
+def _trial_without(current: Regression, effect: str, keys: Sequence[str]) -> Trial:
+    return Trial(
+        f"without {effect}",
+        tuple(k for k in current.keys if k not in keys),
+        {k: v for k, v in current.values.items() if k not in keys},
+    )
+
+
+def _is_enough(search: Search, current: Regression, fit: Regression, keys: Sequence[str]) -> bool:
+    """Whether a fit without `keys` does, beside the current one with them."""
+    loss = fit.held_out() - current.held_out()
+    return (
+        loss < GAIN + GAIN_PER_PARAMETER * search.size(keys)
+        or not structure(search.data, fit).significant
+    )
 
 
 def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regression, Groups]:
@@ -102,11 +114,11 @@ def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regr
         known = search.universe(current)
         here = _score(search, current, groups)
         options = _promising(search, known, current, groups, here)
-        fits = (_tried(search, current, groups, option) for option in options)
-        better = next((f for f in fits if f is not None and _score(search, *f) < here), None)
-        if better is None:
+        tried = _tried(search, current, groups, options)
+        better = [pair for pair in tried if pair is not None and _score(search, *pair) < here]
+        if not better:
             break
-        current, groups = better
+        current, groups = min(better, key=lambda pair: _score(search, *pair))
     return current, groups
 
 
@@ -158,20 +170,39 @@ def _forecasts(
 
 
 def _tried(
-    search: Search, current: Regression, groups: Groups, option: _Exchange
-) -> tuple[Regression, Groups] | None:
-    """The fit with the exchange made; None where nothing balances."""
-    search.say(f"{option.effect} in the place of {' + '.join(option.leaving)}")
+    search: Search, current: Regression, groups: Groups, options: Sequence[_Exchange]
+) -> list[tuple[Regression, Groups] | None]:
+    """The fits with each exchange made; None where nothing balances."""
+    fits = search.fits(current, [_trial_of(current, groups, option) for option in options])
+    return [
+        None if fit is None else (fit, _after(groups, option))
+        for fit, option in zip(fits, options, strict=True)
+    ]
+
+
+def _trial_of(current: Regression, groups: Groups, option: _Exchange) -> Trial:
     dropped = {k for name in option.leaving for k in groups[name]}
     keys = (*(k for k in current.keys if k not in dropped), *option.keys)
     start = {k: v for k, v in current.values.items() if k not in dropped}
     start.update(option.known.starts(keys, option.keys))
-    try:
-        fit = regress(search.data, keys, start, [p.shapes for p in current.predictions])
-    except (SolveError, InputError):
-        return None
+    return Trial(f"{option.effect} in the place of {' + '.join(option.leaving)}", keys, start)
+
+
+def _after(groups: Groups, option: _Exchange) -> Groups:
     kept = {name: group for name, group in groups.items() if name not in option.leaving}
-    return fit, {**kept, option.effect: option.keys}
+    return {**kept, option.effect: option.keys}
+
+
+def loss_without(
+    search: Search, known: Universe, current: Regression, keys: Sequence[str]
+) -> float:
+    """Held-out sum of squares that is lost with `keys` at their null and the rest refitted.
+
+    To first order, and forecasts on both sides: at a bound, they promise what the fit may not take.
+    """
+    moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
+    rest = [k for k in current.keys if k not in keys]
+    return moved.held_out(rest) - known.held_out(current.keys)
 
 
 def evidence_of(
@@ -184,30 +215,30 @@ def evidence_of(
     """
     held = current.held_out()
     score = _score(search, current, groups)
-    out = {}
-    for name, keys in groups.items():
-        moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
-        rest = [k for k in current.keys if k not in keys]
-        # forecasts on both sides: at a bound, they promise what the fit may not take
-        without = held + moved.held_out(rest) - known.held_out(current.keys)
-        margin = max(TIE, TIE_SHARE * (without - held))
-        as_good = []
-        forecasts = _forecasts(search, known, current, groups, (name,)) if rivals else iter(())
-        for effect, option in _best_of_each(forecasts).items():
-            # forecasts are linear: those that come near are fitted
-            larger = search.size(option.keys) > 2.0 * search.size(keys)
-            if larger or option.score > score + 3.0 * margin:
-                continue
-            found = _tried(search, current, groups, option)
-            if found is not None and _score(search, *found) < score + margin:
-                as_good.append(effect)
-        out[name] = Evidence(without, held, tuple(as_good))
-    return out
+    without = {
+        name: held + loss_without(search, known, current, keys) for name, keys in groups.items()
+    }
+    margin = {name: max(TIE, TIE_SHARE * (without[name] - held)) for name in groups}
+    # forecasts are linear: those that come near are fitted
+    near = [
+        option
+        for name, keys in (groups.items() if rivals else ())
+        for option in _best_of_each(_forecasts(search, known, current, groups, (name,)))
+        if search.size(option.keys) <= 2.0 * search.size(keys)
+        and option.score <= score + 3.0 * margin[name]
+    ]
+    as_good: dict[str, list[str]] = {name: [] for name in groups}
+    for option, found in zip(near, _tried(search, current, groups, near), strict=True):
+        (name,) = option.leaving
+        if found is not None and _score(search, *found) < score + margin[name]:
+            as_good[name].append(option.effect)
+    return {name: Evidence(without[name], held, tuple(as_good[name])) for name in groups}
 
 
-def _best_of_each(options: Iterator[_Exchange]) -> dict[str, _Exchange]:
+def _best_of_each(options: Iterator[_Exchange]) -> Iterable[_Exchange]:
+    """Each effect's best form."""
     best: dict[str, _Exchange] = {}
     for option in options:
         if option.effect not in best or option.score < best[option.effect].score:
             best[option.effect] = option
-    return best
+    return best.values()

@@ -8,8 +8,14 @@ from dataclasses import dataclass
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
+from bulgefit.gap.doubt import Doubt, doubt
 from bulgefit.gap.effects import Effect
-from bulgefit.gap.exchange import Evidence, evidence_of, exchanged, without_superfluous
+from bulgefit.gap.exchange import (
+    Evidence,
+    evidence_of,
+    exchanged,
+    without_superfluous,
+)
 from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
@@ -27,22 +33,10 @@ from bulgefit.model.specimen import Shapes
 from bulgefit.spread import spread
 from bulgefit.threads import one_blas_thread
 
-__all__ = ["Explanation", "Round", "explain", "leaves_a_trace"]
+__all__ = ["Explanation", "Round", "explain"]
 
 #: Effects that are added at most, also in a thorough search.
 MOST_EFFECTS, MOST_THOROUGH = 4, 8
-#: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
-#: they stand in for is then unknown.
-MOST_NAMED = 3
-#: From so many effects or parameters on, what they leave of the gap's pattern is looked at more
-#: closely: they can come near what something else does.
-SEVERAL, MANY = 2, 9
-#: A catalogue effect is modelled to about 1 % of what it does; those that stand in for something
-#: else come near it, but leave more of its pattern. Of what they take off the mean square, their
-#: smooth, persistent remainder may be this share. On made tests two or three true effects left up
-#: to 0.0003 of it, two to four that stood in for a bent image 0.0019 to 0.0041, whatever its size;
-#: a true reference state nothing, one that stood in for smoothing 0.0019 to 0.010.
-LEFT_BEHIND = 1e-3
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains. A thorough search goes on.
 LEAST_SHARE = 0.1
@@ -76,9 +70,8 @@ class Explanation:
     rounds : list of Round
     remainder : Structure
         Of the final model's residual.
-    partial : bool
-        The effects do not explain the gap: they leave structure, are more than `MOST_NAMED`, or
-        could imitate something else and leave a trace of it.
+    doubt : Doubt
+        Why the effects do not explain the gap; "" where they do.
     """
 
     baseline: Regression
@@ -89,7 +82,12 @@ class Explanation:
     rounds: list[Round]
     start: Structure
     remainder: Structure
-    partial: bool
+    doubt: Doubt
+
+    @property
+    def partial(self) -> bool:
+        """The effects explain a part of the gap only, if any."""
+        return self.doubt != ""
 
 
 def explain(
@@ -121,14 +119,14 @@ def explain(
         Add up to `MOST_THOROUGH` effects.
     """
     usable = [e for e in effects if not e.never_separable]
-    search = Search(data, usable, say)
+    search = Search(data, usable, executor, say)
     current = baseline
     groups: Groups = {}
     start = remainder = structure(data, baseline)
     rounds: list[Round] = []
     most = MOST_THOROUGH if thorough else MOST_EFFECTS
     while remainder.significant:
-        found = _round(search, executor, current, groups, most)
+        found = _round(search, current, groups, most)
         rounds.append(found)
         if found.taken is None:
             break
@@ -146,21 +144,17 @@ def explain(
         current, groups = without_superfluous(search, settle(current), groups)
     known = search.universe(current)
     remainder = structure(data, current)
-    partial = (
-        remainder.significant
-        or len(groups) > MOST_NAMED
-        or (_can_imitate(search, groups) and leaves_a_trace(data, baseline, current, remainder))
-    )
+    why = doubt(search, known, baseline, current, groups, remainder)
     return Explanation(
         baseline,
         current,
         known,
         groups,
-        evidence_of(search, known, current, groups, rivals=not partial),
+        evidence_of(search, known, current, groups, rivals=not why),
         rounds,
         start,
         remainder,
-        partial,
+        why,
     )
 
 
@@ -170,26 +164,7 @@ def _still_freed(groups: Groups, current: Regression) -> Groups:
     return {name: keys for name, keys in kept.items() if keys}
 
 
-def _can_imitate(search: Search, groups: Groups) -> bool:
-    """Whether effects are flexible enough to come near what they are not."""
-    return len(groups) >= SEVERAL or any(search.size(keys) >= MANY for keys in groups.values())
-
-
-def leaves_a_trace(
-    data: Sequence[Data], baseline: Regression, final: Regression, remainder: Structure
-) -> bool:
-    """Whether more is left of the gap's smooth pattern than true effects leave."""
-    before, after = (
-        sum(float((d.residual(p) ** 2).sum()) for d, p in zip(data, fit.predictions, strict=True))
-        for fit in (baseline, final)
-    )
-    taken_off = (before - after) / sum(int(d.used.sum()) for d in data)
-    return remainder.smooth > remainder.by_chance + LEFT_BEHIND * taken_off
-
-
-def _round(
-    search: Search, executor: Executor, current: Regression, groups: Groups, most: int
-) -> Round:
+def _round(search: Search, current: Regression, groups: Groups, most: int) -> Round:
     """Free each effect beside what is in the model; take the one that held-out data pay for.
 
     Once there are so many effects as may be, only larger forms of them are tried.
@@ -208,7 +183,7 @@ def _round(
             search.say(f"{_trial_name(groups, one.effect, one.keys)}, to the end")
 
         fits = [c.fit for c in candidates]
-        ends = spread(executor, _last_steps, (search.data, fits), range(len(fits)), said)
+        ends = spread(search.executor, _last_steps, (search.data, fits), range(len(fits)), said)
         return [
             search.candidate(c.effect, c.keys, end) for c, end in zip(candidates, ends, strict=True)
         ]
@@ -216,7 +191,7 @@ def _round(
     chosen = forecasts[:LATER_REFITS] if groups else forecasts
     freed = [search.freed(current, effect, keys) for _, effect, keys in chosen]
     fits = spread(
-        executor,
+        search.executor,
         _first_steps,
         (search.data, current, [p.shapes for p in known.predictions]),
         [(keys, known.starts(keys, [k for k in keys if k not in current.keys])) for keys in freed],

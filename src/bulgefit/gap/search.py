@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
+from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import STEADY, Effect
 from bulgefit.gap.keys import effect_of, is_field
-from bulgefit.gap.regress import Regression
+from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.universe import Universe, universe
+from bulgefit.model.specimen import Shapes
+from bulgefit.spread import spread
+from bulgefit.threads import one_blas_thread
 
 __all__ = [
     "GAIN",
@@ -19,6 +24,7 @@ __all__ = [
     "Candidate",
     "Groups",
     "Search",
+    "Trial",
 ]
 
 #: Effect id to its freed keys.
@@ -60,12 +66,39 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
+class Trial:
+    """A fit to be tried: what it is called, and the parameters that it frees, from where.
+
+    Attributes
+    ----------
+    name : str
+    keys : tuple of str
+    start : mapping
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    start: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Search:
-    """What all rounds share."""
+    """What all rounds share: tests, candidates, who refits side by side, and who is told."""
 
     data: Sequence[Data]
     effects: Sequence[Effect]
+    executor: Executor
     say: Callable[[str], None]
+
+    def fits(self, near: Regression, trials: Sequence[Trial]) -> list[Regression | None]:
+        """Trials fitted to the end, beginning near another fit; None where nothing balances."""
+        return spread(
+            self.executor,
+            _fit,
+            (self.data, [p.shapes for p in near.predictions]),
+            [(trial.keys, trial.start) for trial in trials],
+            lambda index, _: self.say(trials[index].name),
+        )
 
     def candidate(
         self, effect: str, keys: tuple[str, ...], fit: Regression, *, realised: bool = True
@@ -104,3 +137,15 @@ class Search:
     def universe(self, fit: Regression) -> Universe:
         """Normal equations of everything that could be freed at a fit."""
         return universe(self.data, fit, self.effects)
+
+
+def _fit(
+    here: tuple[Sequence[Data], Sequence[Shapes]], item: tuple[Sequence[str], Mapping[str, float]]
+) -> Regression | None:
+    """Keys fitted from a start; with the data, and the shapes of a fit nearby."""
+    data, near = here
+    try:
+        with one_blas_thread():
+            return regress(data, *item, near)
+    except (SolveError, InputError):
+        return None

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from bulgefit.gap.diagnosis import Cause, Diagnosis
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import MOST_NAMED
 from bulgefit.gap.locate import azimuthal_modes
 from bulgefit.gap.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
@@ -181,15 +180,23 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
-    if len(causes) > MOST_NAMED and not diagnosis.explanation.remainder.significant:
+    doubt = diagnosis.explanation.doubt
+    if doubt == "many":
         return (
             f"It takes {len(causes)} effects to come down to the noise, and so many can imitate "
             f"anything: {named} help, but what they stand in for is not known."
         )
-    if not diagnosis.explanation.remainder.significant:
+    if doubt == "trace":
         return (
-            f"{named} together come near the noise, but leave a trace of the gap's own pattern as "
+            f"{named} {'comes' if len(causes) == 1 else 'together come'} near the noise, but "
+            f"{'leaves' if len(causes) == 1 else 'leave'} a trace of the gap's own pattern as "
             "effects that stand in for something else do; what that is, is not known."
+        )
+    if doubt == "completion":
+        return (
+            f"{named} together come down to the noise, but one that takes so little of the gap "
+            "beside a flexible one may only take what that misses of something else; what that "
+            "is, is not known."
         )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
