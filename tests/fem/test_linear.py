@@ -1,13 +1,20 @@
-"""Do substitutions with a banded factor solve the system, however wide the band?"""
+"""Do factors solve the system, however wide the band, and whoever else is at work?"""
 
 from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import lapack
 
 from bulgefit.fem.banded import stored_height
-from bulgefit.fem.linear import BandedFactor
+from bulgefit.fem.linear import BandedFactor, has_pardiso
+
+EXAMPLE = Path(__file__).parents[2] / "data" / "example_bulge.npz"
 
 
 @pytest.mark.parametrize("columns", [None, 1, 5])
@@ -30,3 +37,18 @@ def test_banded_substitution(size: int, height: int, columns: int | None) -> Non
     kept = right.copy()
     np.testing.assert_allclose(full @ BandedFactor(factor).solve(right), right, atol=1e-12)
     np.testing.assert_array_equal(right, kept)
+
+
+@pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")
+def test_pardiso_serves_several_threads() -> None:
+    """Its own threads, of which the machine may have many, crashed under those of a fit."""
+    command = ["fit", str(EXAMPLE), "--bounds", "E1=200:500,E2=150:400,G12=10:60", "--quiet"]
+    options = ["--linear-solver", "pardiso", "--workers", "2", "--starts", "3"]
+    run = subprocess.run(
+        [sys.executable, "-m", "bulgefit", *command, *options],
+        env={**os.environ, "OMP_NUM_THREADS": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "3 converged" in run.stdout

@@ -8,7 +8,7 @@ import pytest
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.exchange import evidence_of, exchanged
+from bulgefit.gap.exchange import evidence_of, exchanged, fits_without
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search
 from bulgefit.gap.universe import universe
@@ -62,7 +62,12 @@ def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data])
     keys = ("pressure_offset.offset",)
     fit = fitted(data, keys)
     known = universe(data, fit, EFFECTS)
-    (evidence,) = evidence_of(search, known, fit, {"pressure_offset": keys}, rivals=True).values()
+    groups = {"pressure_offset": keys}
+    without = fits_without(search, fit, groups)
+    (evidence,) = evidence_of(search, known, fit, groups, without, rivals=True).values()
     assert evidence.rivals == ()
-    assert evidence.without > 3 * evidence.held_out
+    alone = regress(data, MODULI, {name: TRUTH[name] for name in MODULI})
+    assert evidence.without.values == pytest.approx(alone.values, rel=1e-4)
+    assert evidence.gained == pytest.approx(alone.held_out() - fit.held_out(), rel=1e-4)
+    assert evidence.gained > 2 * evidence.held_out
     assert evidence.held_out == pytest.approx(fit.normal.count, rel=0.05)

@@ -321,12 +321,17 @@ class PardisoFactor:
         return _run(self._handle, 33, self._matrix, columns).reshape(right.shape)
 
 
+_MKL_DOMAIN_PARDISO = 4  # of mkl_types.h
+
+
 @cache
 def _pardiso() -> Any:
     """pypardiso's handle for symmetric positive definite matrices, unused: one to copy."""
     handle = import_module("pypardiso").PyPardisoSolver(mtype=2)
     handle.set_iparm(1, 1)  # the values below, not the defaults
     handle.set_iparm(2, 2)  # nested dissection
+    # on one thread: its own ones crash when it is called by several of ours at once
+    handle.libmkl.MKL_Domain_Set_Num_Threads(1, _MKL_DOMAIN_PARDISO)
     return handle
 
 

@@ -18,7 +18,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
 from bulgefit.gap.explain import Explanation, Round, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
-from bulgefit.gap.keys import bounds_of, columns_of, is_field, null_of
+from bulgefit.gap.keys import bounds_of, columns_of, is_field
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
@@ -58,7 +58,7 @@ class Cause:
     heldout_reduction : float
         Part of the held-out misfit without it that it takes away.
     bias_if_omitted : dict
-        Relative error of each modulus when the effect is left out.
+        Relative error of each modulus when the effect is left out and all else refitted.
     partial : bool
         True where significant structure is left beside it, or too many others are needed.
     """
@@ -315,7 +315,6 @@ def _cause(
     found: Explanation, effect: str, keys: Sequence[str], excess: float, data: Sequence[Data]
 ) -> Cause:
     evidence = found.evidence[effect]
-    gained = evidence.without - evidence.held_out
     errors = found.final.standard_errors()
     units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
     parameters, at_bound = {}, False
@@ -337,9 +336,11 @@ def _cause(
         alternatives=evidence.rivals,
         parameters=parameters,
         at_bound=bool(at_bound),
-        share_of_gap=float(np.clip(gained / excess, 0.0, 1.0)),
-        heldout_reduction=float(gained / evidence.without),
-        bias_if_omitted=_bias(found, keys, data),
+        share_of_gap=float(np.clip(evidence.gained / excess, 0.0, 1.0)),
+        heldout_reduction=float(evidence.gained / evidence.without.held_out()),
+        bias_if_omitted={
+            m: evidence.without.values[m] / found.final.values[m] - 1.0 for m in MODULI
+        },
         partial=found.partial,
     )
 
@@ -356,16 +357,6 @@ def _offset_sizes(key: str, final: Regression, data: Sequence[Data]) -> dict[str
         f"{name}_{axis}{end}": {"value": float(s), "stderr": float(e), "unit": "mm"}
         for axis, s, e in zip("xyz", size, error, strict=True)
     }
-
-
-def _bias(found: Explanation, keys: Sequence[str], data: Sequence[Data]) -> dict[str, float]:
-    """Relative error of the moduli when `keys` are held at their null, to first order."""
-    final = found.final
-    without = found.known.moved({k: null_of(k, data) - final.values[k] for k in keys})
-    rest = [k for k in final.columns if k not in keys]
-    # a fit that ended at a bound still has a step to make
-    change, still = without.step(rest), found.known.step(rest)
-    return {m: float((change[m] - still[m]) / final.values[m]) for m in MODULI if m in change}
 
 
 def _warnings(prepared: Sequence[Prepared]) -> list[str]:

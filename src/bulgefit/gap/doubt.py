@@ -7,15 +7,13 @@ effects to remove it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.exchange import loss_without
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import Groups, Search
 from bulgefit.gap.structure import Structure
-from bulgefit.gap.universe import Universe
 
 __all__ = ["Doubt", "doubt", "leaves_a_trace"]
 
@@ -41,10 +39,10 @@ LEAST_COMPANION = 0.01
 
 def doubt(
     search: Search,
-    known: Universe,
     baseline: Regression,
     final: Regression,
     groups: Groups,
+    without: Mapping[str, Regression],
     remainder: Structure,
 ) -> Doubt:
     """Why the effects of a final model are not named, if they are not.
@@ -52,10 +50,10 @@ def doubt(
     Parameters
     ----------
     search : Search
-    known : Universe
-        At the final model.
     baseline, final : Regression
     groups : dict of effect id to its freed keys
+    without : mapping of effect id to Regression
+        The rest of the final model, refitted.
     remainder : Structure
         Of the final model's residual.
     """
@@ -67,8 +65,8 @@ def doubt(
         return "trace"
     least = LEAST_COMPANION * (baseline.held_out() - final.floor)
     flexible = [name for name, keys in groups.items() if search.size(keys) >= MANY]
-    companions = [keys for name, keys in groups.items() if flexible and name not in flexible]
-    if any(loss_without(search, known, final, keys) < least for keys in companions):
+    companions = [name for name in groups if flexible and name not in flexible]
+    if any(without[name].held_out() - final.held_out() < least for name in companions):
         return "completion"
     return ""
 

@@ -8,7 +8,7 @@ a solve; the promising ones are fitted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
 
@@ -26,7 +26,7 @@ from bulgefit.gap.search import (
 from bulgefit.gap.structure import structure
 from bulgefit.gap.universe import Universe
 
-__all__ = ["Evidence", "evidence_of", "exchanged", "loss_without", "without_superfluous"]
+__all__ = ["Evidence", "evidence_of", "exchanged", "fits_without", "without_superfluous"]
 
 #: Exchanges that are made at most, and fits that are tried for each.
 MOST_EXCHANGES, MOST_TRIED = 3, 4
@@ -40,16 +40,22 @@ class Evidence:
 
     Attributes
     ----------
-    without, held_out : float
-        Held-out sum of squares over the inflation: with the effect at its null and the rest
-        refitted (to first order), and as it is.
+    without : Regression
+        The rest refitted with the effect at its null.
+    held_out : float
+        Held-out sum of squares over the inflation of the final model.
     rivals : tuple of str
         Effects that do as well in its place.
     """
 
-    without: float
+    without: Regression
     held_out: float
     rivals: tuple[str, ...]
+
+    @property
+    def gained(self) -> float:
+        """What the effect takes off the held-out sum of squares."""
+        return self.without.held_out() - self.held_out
 
 
 @dataclass(frozen=True)
@@ -70,25 +76,32 @@ class _Exchange:
 
 def without_superfluous(
     search: Search, current: Regression, groups: Groups
-) -> tuple[Regression, Groups]:
+) -> tuple[Regression, Groups, dict[str, Regression | None]]:
     """Drop effects that others have made superfluous, the most flexible first.
 
     Those whose loss held-out data do not mind, or leaves nothing that noise could not have made.
+    The last effect stays. Returned with `fits_without` of what is left.
     """
-    kept = sorted(groups, key=lambda name: -search.size(groups[name]))
-    while len(groups) > 1 and kept:
-        fits = search.fits(current, [_trial_without(current, name, groups[name]) for name in kept])
-        enough = [
-            (at, fit)
-            for at, (name, fit) in enumerate(zip(kept, fits, strict=True))
+    while True:
+        without = fits_without(search, current, groups)
+        superfluous = {
+            name: fit
+            for name, fit in without.items()
             if fit is not None and _is_enough(search, current, fit, groups[name])
-        ]
-        if not enough:
-            break
-        at, current = enough[0]
-        groups = {name: keys for name, keys in groups.items() if name != kept[at]}
-        kept = kept[at + 1 :]  # those before it were needed even beside it
-    return current, groups
+        }
+        if len(groups) < 2 or not superfluous:
+            return current, groups, without
+        gone = max(superfluous, key=lambda name: search.size(groups[name]))
+        current = superfluous[gone]
+        groups = {name: keys for name, keys in groups.items() if name != gone}
+
+
+def fits_without(
+    search: Search, current: Regression, groups: Groups
+) -> dict[str, Regression | None]:
+    """The fit without each effect of a model; None where nothing balances."""
+    trials = [_trial_without(current, name, keys) for name, keys in groups.items()]
+    return dict(zip(groups, search.fits(current, trials), strict=True))
 
 
 def _trial_without(current: Regression, effect: str, keys: Sequence[str]) -> Trial:
@@ -193,32 +206,22 @@ def _after(groups: Groups, option: _Exchange) -> Groups:
     return {**kept, option.effect: option.keys}
 
 
-def loss_without(
-    search: Search, known: Universe, current: Regression, keys: Sequence[str]
-) -> float:
-    """Held-out sum of squares that is lost with `keys` at their null and the rest refitted.
-
-    To first order, and forecasts on both sides: at a bound, they promise what the fit may not take.
-    """
-    moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in keys})
-    rest = [k for k in current.keys if k not in keys]
-    return moved.held_out(rest) - known.held_out(current.keys)
-
-
 def evidence_of(
-    search: Search, known: Universe, current: Regression, groups: Groups, *, rivals: bool
+    search: Search,
+    known: Universe,
+    current: Regression,
+    groups: Groups,
+    without: Mapping[str, Regression],
+    *,
+    rivals: bool,
 ) -> dict[str, Evidence]:
     """For each effect of the final model: what is lost without it, and what does as well.
 
     Rivals are looked for where asked: beside effects that explain a gap only in part, they would
     say nothing.
     """
-    held = current.held_out()
-    score = _score(search, current, groups)
-    without = {
-        name: held + loss_without(search, known, current, keys) for name, keys in groups.items()
-    }
-    margin = {name: max(TIE, TIE_SHARE * (without[name] - held)) for name in groups}
+    held, score = current.held_out(), _score(search, current, groups)
+    margin = {name: max(TIE, TIE_SHARE * (fit.held_out() - held)) for name, fit in without.items()}
     # forecasts are linear: those that come near are fitted
     near = [
         option

@@ -14,6 +14,7 @@ from bulgefit.gap.exchange import (
     Evidence,
     evidence_of,
     exchanged,
+    fits_without,
     without_superfluous,
 )
 from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of
@@ -138,19 +139,23 @@ def explain(
             break
     # what explains a gap in part only is not worth the time that weighing it against others takes
     if thorough or not remainder.significant:
-        current, groups = without_superfluous(search, current, groups)
+        current, groups, without = without_superfluous(search, current, groups)
+    else:
+        without = fits_without(search, current, groups)
     if 1 < len(groups) <= MOST_EFFECTS and not remainder.significant:
         current, groups = exchanged(search, current, groups)
-        current, groups = without_superfluous(search, settle(current), groups)
+        current, groups, without = without_superfluous(search, settle(current), groups)
     known = search.universe(current)
     remainder = structure(data, current)
-    why = doubt(search, known, baseline, current, groups, remainder)
+    # where nothing balances without an effect, it may be as bad as the moduli alone
+    without_each = {name: fit or baseline for name, fit in without.items()}
+    why = doubt(search, baseline, current, groups, without_each, remainder)
     return Explanation(
         baseline,
         current,
         known,
         groups,
-        evidence_of(search, known, current, groups, rivals=not why),
+        evidence_of(search, known, current, groups, without_each, rivals=not why),
         rounds,
         start,
         remainder,

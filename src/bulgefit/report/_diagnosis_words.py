@@ -245,12 +245,12 @@ def _evidence(cause: Cause) -> str:
         else "On data that was not fitted the others would do as well without it."
     ]
     biased = [
-        f"{m} comes out {_bias(b)} too {'high' if b > 0 else 'low'}"
+        f"{m} comes out {_percent(abs(b))} too {'high' if b > 0 else 'low'}"
         for m, b in cause.bias_if_omitted.items()
         if abs(b) >= 0.005
     ]
     if biased:
-        parts.append(f"Without it {_listed(biased)} (to first order).")
+        parts.append(f"Without it {_listed(biased)}.")
     else:
         parts.append("Without it the moduli change by less than 0.5 %.")
     if cause.alternatives:
@@ -263,11 +263,6 @@ def _evidence(cause: Cause) -> str:
     if cause.partial:
         parts.append("It is a part of the answer only.")
     return " ".join(parts)
-
-
-def _bias(share: float) -> str:
-    """The size of a modulus's error; a linear forecast reaches no farther than one half."""
-    return _percent(abs(share)) if abs(share) <= 0.5 else "by more than a half"
 
 
 def _percent(share: float) -> str:
