@@ -72,7 +72,7 @@ def plot_component(
     )  # fmt: skip
     for column in range(2, len(columns)):
         colour_bar(
-            figure, drawn[column], panels[:, column], "residual (mm)", shrink=0.9,
+            figure, drawn[column], panels[:, column], "residual (mm)", ticks=3, shrink=0.9,
             location="bottom", aspect=20,
         )  # fmt: skip
     figure.suptitle(

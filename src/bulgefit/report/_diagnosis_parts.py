@@ -160,13 +160,20 @@ def outer_ticks(panels: NDArray[Any], radius: float) -> None:
 
 
 def colour_bar(
-    figure: Any, drawn: Any, panels: Iterable[Any], label: str, extend: str = "both", **where: Any
+    figure: Any,
+    drawn: Any,
+    panels: Iterable[Any],
+    label: str,
+    extend: str = "both",
+    *,
+    ticks: int = 5,
+    **where: Any,
 ) -> None:
-    """A colour bar for some panels."""
+    """A colour bar for some panels, with so many intervals between ticks at most."""
     from matplotlib.ticker import MaxNLocator
 
     bar = figure.colorbar(
-        drawn, ax=list(panels), extend=extend, ticks=MaxNLocator(5), **{"pad": 0.02, **where}
+        drawn, ax=list(panels), extend=extend, ticks=MaxNLocator(ticks), **{"pad": 0.02, **where}
     )
     bar.set_label(label, fontsize=_figure.FONT)
     bar.ax.tick_params(labelsize=_figure.FONT - 1)
