@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
-from bulgefit.fem.kernels import LANES
+from bulgefit.fem.lanes import LANES
 from bulgefit.fem.laws import LAWS, SLACK, TAUT, WRINKLED, point_response
 from bulgefit.fem.linear import NotPositiveDefiniteError, has_pardiso
 from bulgefit.fem.membrane import Fabric, Membrane
@@ -107,6 +107,30 @@ def test_transitions_are_continuous(law: str) -> None:
     assert set(states) == {TAUT, WRINKLED, SLACK}
     jumps = np.abs(np.diff(np.array(outs)[:, :4], axis=0)).max(axis=0)
     assert jumps.max() < 2.0 * STIFFNESS[0] * np.abs(np.diff(line, axis=0)).max()
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("curve", [STRAIGHT, (*CURVED[:4], 0.0, 0.0, 0.01, 0.01), CURVED])
+def test_points_in_lanes_respond_as_single_ones(law: str, curve: tuple[float, ...]) -> None:
+    """Near, far, wrinkled, slack: whichever way the assembly goes, energy and stress agree."""
+    mesh = rectangle((0.0, 1.0), (0.0, 1.0), 1, 1)
+    fabric = Fabric(slack=curve[:2], gain=curve[2:4], bend=curve[4:6], knee=curve[6:])
+    free = np.zeros((4, 3), dtype=bool)
+    membrane = Membrane(mesh, 1.0, law, fabric=fabric, fixed=free)
+    far = [(1.9, 1.05, 0.02), (3.9, 3.5, 0.1), (0.6, 2.5, 0.3)]
+    for c in [*(c for _, c in CASES), (1.0, 1.0, 0.0), (1.3, 0.95, 0.1), *far]:
+        state, out = respond(c, law, curve=curve)
+        # an upper triangular F with this C
+        f11 = np.sqrt(c[0])
+        f = np.array([[f11, c[2] / f11], [0.0, np.sqrt(c[1] - c[2] ** 2 / c[0])]])
+        move = np.column_stack([mesh.nodes @ (f - np.eye(2)).T, np.zeros(4)])
+        found = membrane.state(move, 0.0, STIFFNESS)
+        assert found.wrinkled == (4 if state != TAUT else 0)
+        assert found.potential == pytest.approx(out[0], rel=1e-11, abs=1e-13)
+        # F's work: the sum of force times position is P = F S
+        stress = f @ np.array([[out[1], out[3]], [out[3], out[2]]])
+        work = found.reaction[:, :2].T @ mesh.nodes
+        np.testing.assert_allclose(work, stress, rtol=0, atol=1e-12 * STIFFNESS[0])
 
 
 def blown(mesh: Mesh, seed: int = 3) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import compiled, inlined
+from bulgefit.fem.jit import compiled, inlined, merged
 
 __all__ = ["stored_height", "substitute"]
 
@@ -31,7 +31,7 @@ def stored_height(below: int) -> int:
     return PANEL + ROWS * -(-below // ROWS)
 
 
-@inlined
+@merged
 def _solve_panel(column: Floats, j: int, y: Floats) -> tuple[float, float, float, float]:
     """Unknowns j to j + 3 of L y' = y."""
     y0 = y[j] / column[j, 0]
@@ -43,7 +43,7 @@ def _solve_panel(column: Floats, j: int, y: Floats) -> tuple[float, float, float
     return y0, y1, y2, y3
 
 
-@inlined
+@merged
 def _solve_transposed_panel(
     column: Floats, j: int, y: Floats, s0: float, s1: float, s2: float, s3: float
 ) -> None:

@@ -16,10 +16,10 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["compiled", "inlined"]
+__all__ = ["compiled", "inlined", "merged"]
 
 #: What goes into compiled functions of other files.
-_SHARED = ("jit.py", "geometry.py", "laws.py", "kernels.py")
+_SHARED = ("jit.py", "geometry.py", "laws.py", "lanes.py", "kernels.py")
 
 _SOURCES = hashlib.sha256(
     b"".join((Path(__file__).parent / name).read_bytes() for name in _SHARED)
@@ -76,3 +76,12 @@ def inlined(function: Callable[..., Any]) -> Any:
     may be reordered, a first run would then differ from later ones in the last bits.
     """
     return njit(inline="always", **_OPTIONS)(function)
+
+
+def merged(function: Callable[..., Any]) -> Any:
+    """As `inlined`, by LLVM at its first look: for arithmetic without loops over arrays.
+
+    Types are then inferred once, not in every caller, which takes most of the time to compile.
+    A loop would be optimised before LLVM knows the caller's arrays, and not as well.
+    """
+    return njit(forceinline=True, **_OPTIONS)(function)

@@ -22,7 +22,8 @@ import numpy as np
 
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
 from bulgefit.fem.jit import compiled, inlined
-from bulgefit.fem.laws import respond, stress_sensitivity
+from bulgefit.fem.lanes import LANES, respond_in_lanes
+from bulgefit.fem.laws import natural_state, respond, stress_sensitivity
 
 __all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]
 
@@ -40,10 +41,17 @@ def _load_coupling():
 _COUPLING = _load_coupling()
 
 
-#: Cells that are taken together, one in each lane of the processor's vectors: the arrays below have
-#: the lanes last, and the innermost loops run over them. With fewer of them LLVM unrolls these
-#: loops instead. Lanes that the last cells leave empty are computed too, and not used.
-LANES = 16
+def _entries():
+    """Where the lower triangle of a cell's matrix, row by row, stands in its blocks (10, 3, 3).
+
+    The blocks are those of the pairs of nodes a >= b: 00, 10, 11, 20 and so on.
+    """
+    row, column = np.tril_indices(12)
+    a, b = row // 3, column // 3
+    return 9 * (a * (a + 1) // 2 + b) + 3 * (row % 3) + column % 3
+
+
+_ENTRY = _entries()
 
 
 @inlined
@@ -88,15 +96,13 @@ def _deformation(corners, slopes, f):
 
 
 @inlined
-def _strain(f, g, c):
-    """Components C11, C22, C12 of FᵀF at Gauss point g in lane c."""
-    f11, f21, f31 = f[g, 0, c], f[g, 1, c], f[g, 2, c]
-    f12, f22, f32 = f[g, 3, c], f[g, 4, c], f[g, 5, c]
-    return (
-        f11 * f11 + f21 * f21 + f31 * f31,
-        f12 * f12 + f22 * f22 + f32 * f32,
-        f11 * f12 + f21 * f22 + f31 * f32,
-    )
+def _strain(f, strain):
+    """Components C11, C22, C12 of FᵀF at a Gauss point, into strain (3, lanes)."""
+    for c in range(LANES):
+        f11, f21, f31, f12, f22, f32 = f[0, c], f[1, c], f[2, c], f[3, c], f[4, c], f[5, c]
+        strain[0, c] = f11 * f11 + f21 * f21 + f31 * f31
+        strain[1, c] = f12 * f12 + f22 * f22 + f32 * f32
+        strain[2, c] = f11 * f12 + f21 * f22 + f31 * f32
 
 
 @inlined
@@ -154,97 +160,124 @@ def _stress_change(f, df, at, change):
 
 
 @inlined
-def _load_blocks(corners, pressure, blocks):
-    """Vectors w (4, 4, 3, lanes): block ab of a cell's load stiffness is the product w ×."""
-    for a in range(4):
-        for b in range(4):
+def _load_blocks(corners, pressure, load):
+    """Vectors w (6, 3, lanes): block ab, a > b, of a cell's load stiffness is the product w ×.
+
+    Block ba is its negative, and the blocks aa are zero.
+    """
+    pair = 0
+    for a in range(1, 4):
+        for b in range(a):
+            w0, w1 = -pressure * _COUPLING[a, b, 0], -pressure * _COUPLING[a, b, 1]
+            w2, w3 = -pressure * _COUPLING[a, b, 2], -pressure * _COUPLING[a, b, 3]
             for i in range(3):
                 for c in range(LANES):
-                    total = 0.0
-                    for d in range(4):
-                        total -= _COUPLING[a, b, d] * corners[d, i, c]
-                    blocks[a, b, i, c] = pressure * total
+                    load[pair, i, c] = (
+                        w0 * corners[0, i, c] + w1 * corners[1, i, c]
+                        + w2 * corners[2, i, c] + w3 * corners[3, i, c]
+                    )  # fmt: skip
+            pair += 1
 
 
 @inlined
-def _add_load_change(blocks, moves, forces):
+def _add_load_change(load, moves, forces):
     """Add the load stiffness times moves (4, 3, lanes) to forces."""
-    for a in range(4):
-        for b in range(4):
-            if a == b:
-                continue  # its load stiffness is zero
+    pair = 0
+    for a in range(1, 4):
+        for b in range(a):
             for c in range(LANES):
-                x, y, z = blocks[a, b, 0, c], blocks[a, b, 1, c], blocks[a, b, 2, c]
+                x, y, z = load[pair, 0, c], load[pair, 1, c], load[pair, 2, c]
                 forces[a, 0, c] += y * moves[b, 2, c] - z * moves[b, 1, c]
                 forces[a, 1, c] += z * moves[b, 0, c] - x * moves[b, 2, c]
                 forces[a, 2, c] += x * moves[b, 1, c] - y * moves[b, 0, c]
+                forces[b, 0, c] -= y * moves[a, 2, c] - z * moves[a, 1, c]
+                forces[b, 1, c] -= z * moves[a, 0, c] - x * moves[a, 2, c]
+                forces[b, 2, c] -= x * moves[a, 1, c] - y * moves[a, 0, c]
+            pair += 1
 
 
 @inlined
-def _strain_rows(f, slopes, at, g, c, strain, stress):
-    """The strain operator B of Gauss point g in lane c, and CC B, as rows 3 g to 3 g + 2."""
-    c11, c22, c33 = at[g, 4, c], at[g, 5, c], at[g, 6, c]
-    c12, c13, c23 = at[g, 7, c], at[g, 8, c], at[g, 9, c]
-    r = 3 * g
-    for a in range(4):
-        u, v = slopes[g, a, 0, c], slopes[g, a, 1, c]
-        for i in range(3):
-            k = 3 * a + i
-            f1, f2 = f[g, i, c], f[g, 3 + i, c]
-            b1, b2, b3 = f1 * u, f2 * v, f1 * v + f2 * u
-            strain[r, k], strain[r + 1, k], strain[r + 2, k] = b1, b2, b3
-            stress[r, k] = c11 * b1 + c12 * b2 + c13 * b3
-            stress[r + 1, k] = c12 * b1 + c22 * b2 + c23 * b3
-            stress[r + 2, k] = c13 * b1 + c23 * b2 + c33 * b3
+def _moduli(f, at, moduli):
+    """∂P/∂F of P = F S at a Gauss point, times t dA: moduli (4, 3, 3, lanes).
 
-
-@inlined
-def _add_geometric(slopes, at, g, c, geometric):
-    """geometric[a, b] += G_a·S·G_b at Gauss point g in lane c, lower triangle."""
-    s11, s22, s12 = at[g, 1, c], at[g, 2, c], at[g, 3, c]
-    for b in range(4):
-        h1 = s11 * slopes[g, b, 0, c] + s12 * slopes[g, b, 1, c]
-        h2 = s12 * slopes[g, b, 0, c] + s22 * slopes[g, b, 1, c]
-        for a in range(b, 4):
-            geometric[a, b] += slopes[g, a, 0, c] * h1 + slopes[g, a, 1, c] * h2
-
-
-@compiled
-def _stiffness(corners, lane, strain, stress, geometric, pressure, ke):
-    """The matrix (12, 12) of a lane's cell, right in its lower triangle.
-
-    Material part BᵀCC B over all Gauss points at once. Written out and up to a multiple of four
-    columns, a row stays in vector registers: a quarter of the time of a plain triple loop.
+    For columns 11, 12, 21 and 22 of P and F, the parts [i, j] = ∂P_i/∂F_j.
     """
-    for r in range(12):
-        p0, p1, p2, p3 = stress[0, r], stress[1, r], stress[2, r], stress[3, r]
-        p4, p5, p6, p7 = stress[4, r], stress[5, r], stress[6, r], stress[7, r]
-        p8, p9, p10, p11 = stress[8, r], stress[9, r], stress[10, r], stress[11, r]
-        for c in range(4 * (r // 4) + 4):
-            ke[r, c] = (
-                p0 * strain[0, c] + p1 * strain[1, c] + p2 * strain[2, c] + p3 * strain[3, c]
-                + p4 * strain[4, c] + p5 * strain[5, c] + p6 * strain[6, c] + p7 * strain[7, c]
-                + p8 * strain[8, c] + p9 * strain[9, c] + p10 * strain[10, c]
-                + p11 * strain[11, c]
-            )  # fmt: skip
-    for a in range(4):
-        for b in range(a + 1):
-            for i in range(3):
-                ke[3 * a + i, 3 * b + i] += geometric[a, b]
+    for i in range(3):
+        for j in range(3):
+            same = 1.0 if i == j else 0.0
+            for c in range(LANES):
+                f1, f2 = f[i, c], f[3 + i, c]
+                u, v = f[j, c], f[3 + j, c]
+                sheared = at[9, c] * v + at[6, c] * u
+                moduli[0, i, j, c] = (
+                    f1 * (at[4, c] * u + at[8, c] * v)
+                    + f2 * (at[8, c] * u + at[6, c] * v)
+                    + same * at[1, c]
+                )
+                mixed = f1 * (at[7, c] * v + at[8, c] * u) + f2 * sheared + same * at[3, c]
+                moduli[1, i, j, c] = mixed
+                moduli[2, j, i, c] = mixed
+                moduli[3, i, j, c] = (
+                    f2 * (at[5, c] * v + at[9, c] * u) + f1 * sheared + same * at[2, c]
+                )
+
+
+@inlined
+def _add_stiffness(moduli, slopes, blocks):
+    """blocks[ab] += G_a · ∂P/∂F · G_b of a Gauss point, for the ten pairs of nodes a >= b.
+
+    Written out, so that what the pairs share stays in registers.
+    """
+    for i in range(3):
+        for j in range(3):
+            for c in range(LANES):
+                m11, m12 = moduli[0, i, j, c], moduli[1, i, j, c]
+                m21, m22 = moduli[2, i, j, c], moduli[3, i, j, c]
+                u0, v0 = slopes[0, 0, c], slopes[0, 1, c]
+                u1, v1 = slopes[1, 0, c], slopes[1, 1, c]
+                u2, v2 = slopes[2, 0, c], slopes[2, 1, c]
+                u3, v3 = slopes[3, 0, c], slopes[3, 1, c]
+                x, y = m11 * u0 + m12 * v0, m21 * u0 + m22 * v0
+                blocks[0, i, j, c] += u0 * x + v0 * y
+                blocks[1, i, j, c] += u1 * x + v1 * y
+                blocks[3, i, j, c] += u2 * x + v2 * y
+                blocks[6, i, j, c] += u3 * x + v3 * y
+                x, y = m11 * u1 + m12 * v1, m21 * u1 + m22 * v1
+                blocks[2, i, j, c] += u1 * x + v1 * y
+                blocks[4, i, j, c] += u2 * x + v2 * y
+                blocks[7, i, j, c] += u3 * x + v3 * y
+                x, y = m11 * u2 + m12 * v2, m21 * u2 + m22 * v2
+                blocks[5, i, j, c] += u2 * x + v2 * y
+                blocks[8, i, j, c] += u3 * x + v3 * y
+                x, y = m11 * u3 + m12 * v3, m21 * u3 + m22 * v3
+                blocks[9, i, j, c] += u3 * x + v3 * y
+
+
+@inlined
+def _add_load_stiffness(load, blocks):
+    """Add the products w × of `_load_blocks` to the blocks of the pairs of nodes a > b."""
+    pair = 0
+    for a in range(1, 4):
         for b in range(a):
-            x, y, z = 0.0, 0.0, 0.0
-            for c in range(4):
-                share = -pressure * _COUPLING[a, b, c]
-                x += share * corners[c, 0, lane]
-                y += share * corners[c, 1, lane]
-                z += share * corners[c, 2, lane]
-            r, c = 3 * a, 3 * b
-            ke[r, c + 1] -= z
-            ke[r, c + 2] += y
-            ke[r + 1, c] += z
-            ke[r + 1, c + 2] -= x
-            ke[r + 2, c] -= y
-            ke[r + 2, c + 1] += x
+            block = a * (a + 1) // 2 + b
+            for c in range(LANES):
+                x, y, z = load[pair, 0, c], load[pair, 1, c], load[pair, 2, c]
+                blocks[block, 0, 1, c] -= z
+                blocks[block, 0, 2, c] += y
+                blocks[block, 1, 0, c] += z
+                blocks[block, 1, 2, c] -= x
+                blocks[block, 2, 0, c] -= y
+                blocks[block, 2, 1, c] += x
+            pair += 1
+
+
+@inlined
+def _add_to_tangent(blocks, scatter, first, count, data):
+    """Add the lower triangles of `count` cells' matrices, row by row, to where they belong."""
+    flat = blocks.reshape(90, LANES)
+    for c in range(count):
+        for k in range(78):
+            data[scatter[first + c, k]] += flat[_ENTRY[k], c]
 
 
 @compiled
@@ -289,12 +322,12 @@ def assemble(
     forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
     # at every Gauss point: F, and W, S and CC times t dA
     f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
-    wanted = 10 if stiff else 4
-    geometric, ke = np.empty((4, 4)), np.empty((12, 12))
-    strain, stress = np.empty((12, 12)), np.empty((12, 12))
+    strain, heavy, plain = np.empty((3, LANES)), np.zeros((4, LANES)), np.empty(LANES)
+    natural = natural_state(q, law)
+    moduli, stiffness = np.empty((4, 3, 3, LANES)), np.empty((10, 3, 3, LANES))
     # of one field: its values, F and stress, and the load stiffness
     moves, df, change = np.zeros((4, 3, LANES)), np.empty((6, LANES)), np.empty((3, LANES))
-    blocks = np.empty((4, 4, 3, LANES))
+    load = np.empty((6, 3, LANES))
     residual[:] = 0.0
     data[:] = 0.0
     products[:] = 0.0
@@ -303,38 +336,38 @@ def assemble(
         count = min(LANES, len(cells) - first)
         _gather(x, cells, first, count, corners)
         _gather_gradient(gradient, first, count, slopes)
+        for c in range(count):
+            for g in range(4):
+                heavy[g, c] = weight[first + c, g]
         forces[:] = 0.0
         volume[:] = 0.0
         for g in range(4):
             _deformation(corners, slopes[g], f[g])
+            _strain(f[g], strain)
+            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at[g], plain)
             for c in range(count):
-                c11, c22, c12 = _strain(f, g, c)
-                state, found = respond(c11, c22, c12, q, law, relax, stiff)
-                if state < 0:
-                    return np.nan, wrinkled
-                wrinkled += state != 0
-                for k in range(wanted):
-                    at[g, k, c] = weight[first + c, g] * found[k]
+                if plain[c] == 0.0:
+                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
+                    if state < 0:
+                        return np.nan, wrinkled
+                    wrinkled += state != 0
+                    for k in range(10):
+                        at[g, k, c] = heavy[g, c] * found[k]
                 potential += at[g, 0, c]
             _add_stress(f[g], slopes[g], at[g, 1:4], forces)
         _add_load(corners, pressure, forces, volume)
         _add_to_nodes(forces, cells, first, count, residual)
         for c in range(count):
             potential -= pressure * volume[c] / 3.0
+        if stiff:
+            _load_blocks(corners, pressure, load)
         if with_tangent:
-            for c in range(count):
-                geometric[:] = 0.0
-                for g in range(4):
-                    _strain_rows(f, slopes, at, g, c, strain, stress)
-                    _add_geometric(slopes, at, g, c, geometric)
-                _stiffness(corners, c, strain, stress, geometric, pressure, ke)
-                position = 0
-                for r in range(12):
-                    for k in range(r + 1):
-                        data[scatter[first + c, position]] += ke[r, k]
-                        position += 1
-        if len(fields) > 0:
-            _load_blocks(corners, pressure, blocks)
+            stiffness[:] = 0.0
+            for g in range(4):
+                _moduli(f[g], at[g], moduli)
+                _add_stiffness(moduli, slopes[g], stiffness)
+            _add_load_stiffness(load, stiffness)
+            _add_to_tangent(stiffness, scatter, first, count, data)
         for k in range(len(fields)):
             _gather(fields[k], cells, first, count, moves)
             forces[:] = 0.0
@@ -343,7 +376,7 @@ def assemble(
                 _stress_change(f[g], df, at[g], change)
                 _add_stress(f[g], slopes[g], change, forces)
                 _add_stress(df, slopes[g], at[g, 1:4], forces)
-            _add_load_change(blocks, moves, forces)
+            _add_load_change(load, moves, forces)
             _add_to_nodes(forces, cells, first, count, products[k])
     return potential, wrinkled
 
@@ -377,6 +410,7 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
     """
     corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
     f, stress = np.zeros((4, 6, LANES)), np.zeros((4, 3, LANES))
+    strain = np.empty((3, LANES))
     forces = np.empty((4, 4, 3, LANES))
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
@@ -386,9 +420,11 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
         forces[:] = 0.0
         for g in range(4):
             _deformation(corners, slopes[g], f[g])
+            _strain(f[g], strain)
             for c in range(count):
-                c11, c22, c12 = _strain(f, g, c)
-                state, found = stress_sensitivity(c11, c22, c12, q, law, relax)
+                state, found = stress_sensitivity(
+                    strain[0, c], strain[1, c], strain[2, c], q, law, relax
+                )
                 if state < 0:
                     return False
                 for k in range(4):

@@ -29,15 +29,20 @@ from __future__ import annotations
 
 import math
 
-from bulgefit.fem.jit import compiled, inlined
+from bulgefit.fem.jit import compiled, merged
 
 __all__ = [
     "LAWS",
     "SLACK",
     "TAUT",
     "WRINKLED",
+    "is_compressed",
+    "is_slack",
+    "natural_state",
     "point_response",
+    "pull_back",
     "respond",
+    "straight_potential",
     "stress_sensitivity",
 ]
 
@@ -52,7 +57,7 @@ _NOTHING = (0.0,) * 10
 _SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
 
 
-@inlined
+@merged
 def _log_coefficient(m, s):
     """g(m, s) = atanh(√s/m)/√s and g_s."""
     z = s / (m * m)
@@ -68,7 +73,7 @@ def _log_coefficient(m, s):
     return g, (m / (m * m - s) - g) / (2.0 * s)
 
 
-@inlined
+@merged
 def _log_curvature(m, s, g_s):
     """g_ss of `_log_coefficient`."""
     det = m * m - s
@@ -112,16 +117,11 @@ def _strain(c11, c22, c12, law):
     )  # fmt: skip
 
 
-@inlined
-def _potential(e1, e2, e3, q):
+@merged
+def straight_potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
-    Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e² and, where
-    a coating or crimp gives way, s E (e - κ atan(e/κ)): the slope goes from E to (1 + s) E, half
-    of the way at the knee κ.
-
-    `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), the gains a E and s E, each
-    along warp and fill (MPa), and κ along warp and fill (1).
+    `_potential` without its bends.
     """
     e1, e2 = e1 - q[4], e2 - q[5]
     t1 = q[0] * e1 + q[2] * e2
@@ -132,14 +132,28 @@ def _potential(e1, e2, e3, q):
     psi += (q[6] * p1 * p1 * p1 + q[7] * p2 * p2 * p2) / 3.0
     t1 += q[6] * p1 * p1
     t2 += q[7] * p2 * p2
-    h1, h2 = q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2
+    return psi, t1, t2, t3, q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2, q[3], q[2]
+
+
+@merged
+def _potential(e1, e2, e3, q):
+    """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
+
+    Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e² and, where
+    a coating or crimp gives way, s E (e - κ atan(e/κ)): the slope goes from E to (1 + s) E, half
+    of the way at the knee κ.
+
+    `q` holds D11, D22, D12, D33 (MPa), slack along warp and fill (1), the gains a E and s E, each
+    along warp and fill (MPa), and κ along warp and fill (1).
+    """
+    psi, t1, t2, t3, h1, h2, h3, h12 = straight_potential(e1, e2, e3, q)
     if q[8] != 0.0 or q[9] != 0.0:
-        psi_1, bent_1, slope_1 = _knee(p1, q[10])
-        psi_2, bent_2, slope_2 = _knee(p2, q[11])
+        psi_1, bent_1, slope_1 = _knee(max(e1 - q[4], 0.0), q[10])
+        psi_2, bent_2, slope_2 = _knee(max(e2 - q[5], 0.0), q[11])
         psi += q[8] * psi_1 + q[9] * psi_2
         t1, h1 = t1 + q[8] * bent_1, h1 + q[8] * slope_1
         t2, h2 = t2 + q[9] * bent_2, h2 + q[9] * slope_2
-    return psi, t1, t2, t3, h1, h2, q[3], q[2]
+    return psi, t1, t2, t3, h1, h2, h3, h12
 
 
 @compiled
@@ -154,9 +168,9 @@ def _knee(e, knee):
     )
 
 
-@inlined
-def _response(c11, c22, c12, q, law, with_tangent):
-    """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23); CC is zero unless asked for."""
+@compiled
+def _response(c11, c22, c12, q, law):
+    """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23)."""
     if law == 1:
         psi, t1, t2, t3, h11, h22, h33, h12 = _potential(
             0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
@@ -166,11 +180,18 @@ def _response(c11, c22, c12, q, law, with_tangent):
     s = h * h + k * k
     det = m * m - s
     g, g_s = _log_coefficient(m, s)
-    g_m = -1.0 / det
     area = 0.5 * math.log(det)
-    a, b, c = 0.5 * (area + g * h), 0.5 * (area - g * h), g * k
-    psi, t1, t2, t3, h11, h22, h33, h12 = _potential(a, b, c, q)
+    at = _potential(0.5 * (area + g * h), 0.5 * (area - g * h), g * k, q)
+    return pull_back(m, h, k, g, g_s, _log_curvature(m, s, g_s), at)
 
+
+@merged
+def pull_back(m, h, k, g, g_s, g_ss, at):
+    """`_response` of the logarithmic law, with `_potential` at its strain."""
+    psi, t1, t2, t3, h11, h22, h33, h12 = at
+    s = h * h + k * k
+    det = m * m - s
+    g_m = -1.0 / det
     # In y = (m, h, k): e11 + e22 = ½ ln det =: A, e11 - e22 = g h =: B, 2 e12 = g k =: G.
     ta, tb = 0.5 * (t1 + t2), 0.5 * (t1 - t2)  # conjugate to A and B
     haa = 0.25 * (h11 + h22 + 2.0 * h12)
@@ -184,11 +205,9 @@ def _response(c11, c22, c12, q, law, with_tangent):
     w_m = ta * a_m + tb * b_m + t3 * c_m
     w_h = ta * a_h + tb * b_h + t3 * c_h
     w_k = ta * a_k + tb * b_k + t3 * c_k
-    if not with_tangent:
-        return psi, w_m + w_h, w_m - w_h, w_k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # second derivatives
     det2 = det * det
-    g_mm, g_ms, g_ss = 2.0 * m / det2, -1.0 / det2, _log_curvature(m, s, g_s)
+    g_mm, g_ms = 2.0 * m / det2, -1.0 / det2
     a_mm, a_hh, a_kk = -(m * m + s) / det2, -(det + 2 * h * h) / det2, -(det + 2 * k * k) / det2
     a_mh, a_mk, a_hk = 2 * m * h / det2, 2 * m * k / det2, -2 * h * k / det2
     g_mh, g_mk = 2.0 * h * g_ms, 2.0 * k * g_ms
@@ -221,20 +240,27 @@ def _response(c11, c22, c12, q, law, with_tangent):
     )  # fmt: skip
 
 
-@inlined
-def _is_slack(c11, c22, c12, q, law):
-    """True where C0 - C is positive semidefinite, C0 the natural state: nothing is stretched."""
+@merged
+def natural_state(q, law):
+    """C11 and C22 of the natural state C0."""
     if law == 1:
-        n1, n2 = 1.0 + 2.0 * q[4], 1.0 + 2.0 * q[5]
-    else:
-        n1, n2 = math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
-    return c11 <= n1 and c22 <= n2 and (n1 - c11) * (n2 - c22) >= c12 * c12
+        return 1.0 + 2.0 * q[4], 1.0 + 2.0 * q[5]
+    return math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
 
 
-@compiled
-def _response_with_tangent(c11, c22, c12, q, law):
-    """`_response` where speed matters less than the time that it takes to compile."""
-    return _response(c11, c22, c12, q, law, True)
+@merged
+def is_slack(c11, c22, c12, natural):
+    """True where C0 - C is positive semidefinite, C0 the natural state: nothing is stretched."""
+    left1, left2 = natural[0] - c11, natural[1] - c22
+    return (left1 >= 0.0) & (left2 >= 0.0) & (left1 * left2 >= c12 * c12)
+
+
+@merged
+def is_compressed(s11, s22, s12, modulus):
+    """True where the lower principal stress is negative, beyond rounding."""
+    slight = 1e-13 * modulus
+    s11, s22 = s11 + slight, s22 + slight
+    return (s11 < 0.0) | (s22 < 0.0) | (s11 * s22 < s12 * s12)
 
 
 @compiled
@@ -266,7 +292,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
     amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
     a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
-    at = _response_with_tangent(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
+    at = _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
     for _ in range(60):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
@@ -287,7 +313,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
         step = 1.0
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
-            at = _response_with_tangent(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
+            at = _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
             # strains carry a rounding error of 1e-16, and the energy with them
             if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
@@ -332,34 +358,23 @@ def _condense(a1, a2, at):
     )  # fmt: skip
 
 
-@inlined
-def _is_compressed(at, q):
-    """True where the lower principal stress is negative, beyond rounding."""
-    slight = 1e-13 * (q[0] + q[1])
-    s11, s22 = at[1] + slight, at[2] + slight
-    return s11 < 0.0 or s22 < 0.0 or s11 * s22 < at[3] * at[3]
-
-
 @compiled
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = _response_with_tangent(c11, c22, c12, q, law)
+    at = _response(c11, c22, c12, q, law)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
     return (WRINKLED if converged else -1), a1, a2, at
 
 
-@inlined
-def respond(c11, c22, c12, q, law, relax, with_tangent):
-    """State of a material point, and W, S (3), CC (6), as `point_response` explains them.
-
-    The tangent is right only if it is asked for.
-    """
+@compiled
+def respond(c11, c22, c12, q, law, relax):
+    """State of a material point, and W, S (3), CC (6), as `point_response` explains them."""
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1, _NOTHING
-    if relax and _is_slack(c11, c22, c12, q, law):
+    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
         return SLACK, _NOTHING
-    at = _response(c11, c22, c12, q, law, with_tangent)
-    if not relax or not _is_compressed(at, q):
+    at = _response(c11, c22, c12, q, law)
+    if not relax or not is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         return TAUT, at
     state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
     return state, _condense(a1, a2, at)
@@ -388,7 +403,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     state : int
         TAUT, WRINKLED or SLACK; -1 where C is not positive definite.
     """
-    state, at = respond(c11, c22, c12, q, law, relax, True)
+    state, at = respond(c11, c22, c12, q, law, relax)
     for i in range(10):
         out[i] = at[i]
     return state
@@ -412,9 +427,10 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
     nothing = (zero, zero, zero, zero)
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1, nothing
-    if relax and _is_slack(c11, c22, c12, q, law):
+    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
         return SLACK, nothing
-    if relax and _is_compressed(_response(c11, c22, c12, q, law, False), q):
+    at = _response(c11, c22, c12, q, law)
+    if relax and is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
         by_stiffness = _stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
         return state, (
