@@ -77,12 +77,15 @@ def operations(membrane: Membrane) -> Counter[str]:
     count: Counter[str] = Counter()
     state, substitute = Membrane.state, BandedFactor.solve
 
-    def counted_state(self: Membrane, *at: object, tangent: bool = True) -> State:
-        count["tangent" if tangent else "residual"] += 1
-        return state(self, *at, tangent=tangent)
+    def counted_state(
+        self: Membrane, *at: object, tangent: bool = True, along: object = None
+    ) -> State:
+        name = "tangent" if tangent else "residual"
+        count[name if along is None else f"{name}, slope's too"] += 1
+        return state(self, *at, tangent=tangent, along=along)
 
     def counted_solve(self: BandedFactor, right: np.ndarray) -> np.ndarray:
-        count["substitution"] += 1
+        count["substitution" if right.ndim == 1 else "substitution, slope's too"] += 1
         return substitute(self, right)
 
     with (
@@ -106,12 +109,19 @@ def one_path(mesh: Mesh, law: str, repeats: int) -> tuple[str, list[str]]:
     state = membrane.state(shape, 0.1, STIFFNESS)
     factor = membrane.factorise(state)
     count = operations(membrane)
+    slope = path.slope[-1], 3.0 * np.cbrt(0.1) ** 2
+    two = np.array([state.residual, state.residual]).T
     one = in_turn(
         {
             "path": lambda: trace(membrane, STIFFNESS)(LEVELS),
             "tangent": lambda: membrane.state(shape, 0.1, STIFFNESS),
+            "tangent, slope's too": lambda: membrane.state(shape, 0.1, STIFFNESS, along=slope),
             "residual": lambda: membrane.state(shape, 0.1, STIFFNESS, tangent=False),
+            "residual, slope's too": lambda: membrane.state(
+                shape, 0.1, STIFFNESS, tangent=False, along=slope
+            ),
             "substitution": lambda: factor.solve(state.residual),
+            "substitution, slope's too": lambda: factor.solve(two),
             "dense output": lambda: path(LEVELS),
         },
         3 * repeats,

@@ -15,7 +15,7 @@ import numpy as np  # isort: skip
 from bulgefit.fem.equilibrium import Equilibrium
 from bulgefit.fem.kernels import assemble
 from bulgefit.fem.laws import LAWS
-from bulgefit.fem.membrane import NO_FIELDS, NO_TANGENT, Membrane
+from bulgefit.fem.membrane import NO_FIELDS, NO_RATES, NO_TANGENT, Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path
 from bulgefit.fem.sensitivity import parameter_sensitivity
@@ -34,7 +34,8 @@ def sector_forces(membrane: Membrane, count: int, shape: np.ndarray) -> np.ndarr
             membrane.reference + shape, membrane.mesh.cells[mine],
             membrane.surface.gradient[mine], membrane.weight[mine],
             membrane.law_parameters(STIFFNESS), LAWS[membrane.law], membrane.relaxation, 0.0,
-            membrane.linear.scatter[mine], out[k], NO_TANGENT, NO_FIELDS, NO_FIELDS,
+            membrane.linear.scatter[mine], out[k], NO_TANGENT, NO_FIELDS, NO_RATES,
+            NO_FIELDS,
         )  # fmt: skip
     return membrane.gather(out)
 

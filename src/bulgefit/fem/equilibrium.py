@@ -55,6 +55,10 @@ class Equilibrium:
         of the tangent at this very shape.
     exact : bool
         The factor is that of the tangent at this very shape.
+    slope : (n, 3) array, mm/MPa^(1/3)
+        ∂u/∂s, s = p^(1/3), as far as a search along a path found it by the way, else zero.
+    slope_change : float
+        What its last correction was, relative to it; infinite where none was made.
     factorisations : int
         Spent on finding it.
     wrinkled : int
@@ -68,6 +72,8 @@ class Equilibrium:
     displacement: Floats
     factor: Factor
     exact: bool
+    slope: Floats
+    slope_change: float
     factorisations: int
     wrinkled: int
     stable: bool
@@ -137,15 +143,15 @@ def solve(
     ------
     NewtonError
     """
-    search = _Search(membrane, pressure, stiffness, follow)
+    search = _Search(membrane, pressure, stiffness, follow, watch=thrifty and follow and not exact)
     displacement = start
     unit = membrane.radius / 100.0
-    state = membrane.state(displacement, pressure, stiffness)
+    state = search.look(displacement, tangent=True)
     if not np.isfinite(state.potential):
         raise NewtonError("the starting shape has a collapsed cell", 0, np.inf, 0)
     for iteration in range(1, (FROM_NEAR if follow else FROM_AFAR) + 1):
         if state.tangent is None:
-            state = membrane.state(displacement, pressure, stiffness)
+            state = search.look(displacement, tangent=True)
         factor, stable = search.factor(displacement, state, iteration)
         before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
@@ -160,8 +166,9 @@ def solve(
                 if exact:
                     factor, stable = search.own_factor(polished)
                 return Equilibrium(
-                    pressure, polished, factor, exact, search.work, state.wrinkled, stable
-                )
+                    pressure, polished, factor, exact, search.slope, search.slope_change,
+                    search.work, state.wrinkled, stable,
+                )  # fmt: skip
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
     raise NewtonError(
@@ -177,7 +184,7 @@ class _Search:
     """The moving parts of one Newton search."""
 
     def __init__(
-        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool
+        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool, *, watch: bool
     ) -> None:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
         self.follow = follow
@@ -185,6 +192,28 @@ class _Search:
         self.work = 0
         #: What follows a full step over its size squared, 1/mm; known after the first.
         self.rate = np.inf
+        #: The slope of the path is corrected along with the shape: the forces that it takes come
+        #: with the residual, and a second substitution with the first.
+        self.watch = watch
+        self.slope = np.zeros_like(membrane.reference)
+        self.slope_change = np.inf
+
+    def look(self, displacement: Floats, *, tangent: bool = False) -> State:
+        """Assemble at a shape."""
+        along = (self.slope, 3.0 * np.cbrt(self.pressure) ** 2) if self.watch else None
+        return self.membrane.state(
+            displacement, self.pressure, self.stiffness, tangent=tangent, along=along
+        )
+
+    def correct(self, factor: Factor, state: State) -> Floats:
+        """Correction (N,) of a shape by a factor; the slope is corrected by the way."""
+        if state.change is None:
+            return -factor.solve(state.residual)
+        found = -factor.solve(np.array([state.residual, state.change]).T)
+        turn = self.membrane.spread(found[:, 1])
+        self.slope = self.slope + turn
+        self.slope_change = float(np.abs(turn).max() / np.abs(self.slope).max())
+        return found[:, 0]
 
     def factor(self, displacement: Floats, state: State, iteration: int) -> tuple[Factor, bool]:
         """A factor to step with, and whether the tangent itself is positive definite."""
@@ -230,7 +259,7 @@ class _Search:
 
         A step that will be the last is not looked at again.
         """
-        step = -factor.solve(state.residual)
+        step = self.correct(factor, state)
         size = float(np.abs(step).max())
         if self.shift == 0.0 and SAFETY * self.rate * size**2 <= CORRECTION * self._unit:
             last = displacement + self.membrane.spread(step)
@@ -239,9 +268,9 @@ class _Search:
         fraction = 1.0
         for _ in range(6 if self.follow else 25):
             trial = displacement + self.membrane.spread(fraction * step)
-            new = self.membrane.state(trial, self.pressure, self.stiffness, tangent=False)
+            new = self.look(trial)
             if np.isfinite(new.potential):
-                correction = -factor.solve(new.residual)
+                correction = self.correct(factor, new)
                 ahead = float(np.abs(correction).max())
                 natural = ahead <= (1 - 0.5 * fraction) * size
                 lower = new.potential <= state.potential + 1e-4 * fraction * slope
@@ -267,8 +296,7 @@ class _Search:
             displacement = displacement + self.membrane.spread(correction)
             if size * min(1.0, 2.0 * size / previous) <= CORRECTION * unit:
                 return displacement
-            state = self.membrane.state(displacement, self.pressure, self.stiffness, tangent=False)
-            correction = -factor.solve(state.residual)
+            correction = self.correct(factor, self.look(displacement))
         return None
 
     def within_reach(self, step: float) -> float:

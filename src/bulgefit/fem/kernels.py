@@ -106,8 +106,10 @@ def _strain(f, strain):
 
 
 @inlined
-def _add_load(corners, pressure, forces, volume):
-    """Subtract the pressure's nodal forces; add the cells' parts of 3 V to volume (lanes,)."""
+def _find_load(corners, lift, volume):
+    """Nodal forces of a unit pressure into lift; the cells' parts of 3 V into volume (lanes,)."""
+    lift[:] = 0.0
+    volume[:] = 0.0
     for g in range(4):
         for c in range(LANES):
             u1, u2, u3, v1, v2, v3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -123,12 +125,21 @@ def _add_load(corners, pressure, forces, volume):
             n1, n2, n3 = u2 * v3 - u3 * v2, u3 * v1 - u1 * v3, u1 * v2 - u2 * v1
             for a in range(4):
                 share = SHAPE[g, a]
-                forces[a, 0, c] -= pressure * share * n1
-                forces[a, 1, c] -= pressure * share * n2
-                forces[a, 2, c] -= pressure * share * n3
+                lift[a, 0, c] += share * n1
+                lift[a, 1, c] += share * n2
+                lift[a, 2, c] += share * n3
                 volume[c] += share * (
                     corners[a, 0, c] * n1 + corners[a, 1, c] * n2 + corners[a, 2, c] * n3
                 )
+
+
+@inlined
+def _take_load(pressure, lift, forces):
+    """Subtract the pressure's nodal forces."""
+    for a in range(4):
+        for i in range(3):
+            for c in range(LANES):
+                forces[a, i, c] -= pressure * lift[a, i, c]
 
 
 @inlined
@@ -282,11 +293,24 @@ def _add_to_tangent(blocks, scatter, first, count, data):
 
 @compiled
 def assemble(
-    x, cells, gradient, weight, q, law, relax, pressure, scatter, residual, data, fields, products
+    x,
+    cells,
+    gradient,
+    weight,
+    q,
+    law,
+    relax,
+    pressure,
+    scatter,
+    residual,
+    data,
+    fields,
+    rates,
+    products,
 ):
-    """Potential, out-of-balance force and tangent, or its products, at positions x.
+    """Potential, out-of-balance force, its tangent and its changes at positions x.
 
-    For a few fields the products take less time than the tangent that they do without.
+    For a few fields the changes take less time than the tangent that they do without.
 
     Parameters
     ----------
@@ -305,9 +329,11 @@ def assemble(
         Overwritten.
     data : (nnz + 1,) array, N/mm
         Overwritten; empty: no tangent.
-    fields : (k, n, 3) array, mm
-    products : (k, n, 3) array, N
-        Overwritten with the tangent times the fields.
+    fields : (k, n, 3) array
+    rates : (k,) array
+    products : (k, n, 3) array
+        Overwritten with how the force changes along the fields, while the pressure changes at
+        these rates: the tangent's product less rate times ∂V/∂x.
 
     Returns
     -------
@@ -320,6 +346,7 @@ def assemble(
     stiff = with_tangent or len(fields) > 0
     corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
     forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
+    lift = np.empty((4, 3, LANES))
     # at every Gauss point: F, and W, S and CC times t dA
     f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
     strain, heavy, plain = np.empty((3, LANES)), np.zeros((4, LANES)), np.empty(LANES)
@@ -340,7 +367,6 @@ def assemble(
             for g in range(4):
                 heavy[g, c] = weight[first + c, g]
         forces[:] = 0.0
-        volume[:] = 0.0
         for g in range(4):
             _deformation(corners, slopes[g], f[g])
             _strain(f[g], strain)
@@ -355,7 +381,8 @@ def assemble(
                         at[g, k, c] = heavy[g, c] * found[k]
                 potential += at[g, 0, c]
             _add_stress(f[g], slopes[g], at[g, 1:4], forces)
-        _add_load(corners, pressure, forces, volume)
+        _find_load(corners, lift, volume)
+        _take_load(pressure, lift, forces)
         _add_to_nodes(forces, cells, first, count, residual)
         for c in range(count):
             potential -= pressure * volume[c] / 3.0
@@ -377,6 +404,7 @@ def assemble(
                 _add_stress(f[g], slopes[g], change, forces)
                 _add_stress(df, slopes[g], at[g, 1:4], forces)
             _add_load_change(load, moves, forces)
+            _take_load(rates[k], lift, forces)
             _add_to_nodes(forces, cells, first, count, products[k])
     return potential, wrinkled
 
@@ -384,15 +412,14 @@ def assemble(
 @compiled
 def assemble_pressure(x, cells, out):
     """Force of a unit pressure at positions x: ∂V/∂x, into out (n, 3) mm²."""
-    corners, forces = np.zeros((4, 3, LANES)), np.empty((4, 3, LANES))
-    volume = np.zeros(LANES)
+    corners, lift = np.zeros((4, 3, LANES)), np.empty((4, 3, LANES))
+    volume = np.empty(LANES)
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
         _gather(x, cells, first, count, corners)
-        forces[:] = 0.0
-        _add_load(corners, -1.0, forces, volume)
-        _add_to_nodes(forces, cells, first, count, out)
+        _find_load(corners, lift, volume)
+        _add_to_nodes(lift, cells, first, count, out)
 
 
 @compiled

@@ -15,11 +15,11 @@ from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
 
-__all__ = ["NO_FIELDS", "NO_TANGENT", "Fabric", "Membrane", "State"]
+__all__ = ["NO_FIELDS", "NO_RATES", "NO_TANGENT", "Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
-NO_TANGENT, NO_FIELDS = np.empty(0), np.empty((0, 0, 3))
+NO_TANGENT, NO_FIELDS, NO_RATES = np.empty(0), np.empty((0, 0, 3)), np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,8 @@ class State:
         Gauss points in tension-field relaxation.
     tangent : array or None, N/mm
         Entries as the linear solver stores them.
+    change : (N,) array or None
+        Of the residual, per unit of what it was asked for.
     """
 
     potential: float
@@ -45,6 +47,7 @@ class State:
     reaction: Floats
     wrinkled: int
     tangent: Floats | None = None
+    change: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,37 +169,67 @@ class Membrane:
         return out.reshape(*unknowns.shape[:-1], -1, 3)
 
     def state(
-        self, displacement: Floats, pressure: float, stiffness: Floats, *, tangent: bool = True
+        self,
+        displacement: Floats,
+        pressure: float,
+        stiffness: Floats,
+        *,
+        tangent: bool = True,
+        along: tuple[Floats, float] | None = None,
     ) -> State:
-        """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa."""
+        """Assemble at a displacement (n, 3) mm, pressure in MPa, stiffness (4,) MPa.
+
+        With `along`, a field (n, 3) and a rate of the pressure, also how the residual changes.
+        """
         residual = np.empty_like(self.reference)
         data = self.linear.blank() if tangent else NO_TANGENT
-        potential, wrinkled = assemble(
-            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, residual, data, NO_FIELDS, NO_FIELDS,
-        )  # fmt: skip
+        fields, rates = NO_FIELDS, NO_RATES
+        if along is not None:
+            fields, rates = along[0][None], np.array([along[1]])
+        changes = np.empty_like(fields)
+        potential, wrinkled = self._assemble(
+            displacement, pressure, stiffness, residual, data, fields, rates, changes
+        )
         if self.clamp is not None:
             potential += self.clamp.add(displacement, residual, data if tangent else None)
         return State(
-            potential, self.gather(residual), residual, wrinkled, data if tangent else None
-        )
+            potential, self.gather(residual), residual, wrinkled, data if tangent else None,
+            None if along is None else self.gather(changes[0]),
+        )  # fmt: skip
 
     def tangent_product(
         self, displacement: Floats, pressure: float, stiffness: Floats, fields: Floats
     ) -> Floats:
         """The tangent at a displacement (n, 3) mm times nodal fields (k, n, 3) mm: (k, N) N."""
         out = np.empty_like(fields)
-        potential, _ = assemble(
-            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, np.empty_like(self.reference), NO_TANGENT, fields, out,
+        potential, _ = self._assemble(
+            displacement, pressure, stiffness, np.empty_like(self.reference), NO_TANGENT, fields,
+            np.zeros(len(fields)), out,
         )  # fmt: skip
         if not np.isfinite(potential):
             raise ArithmeticError("tangent asked for at a collapsed shape")
-        if self.clamp is not None:
-            out[:, self.clamp.rim, :2] += self.clamp.forces(fields)
         return self.gather(out)
+
+    def _assemble(
+        self,
+        displacement: Floats,
+        pressure: float,
+        stiffness: Floats,
+        residual: Floats,
+        data: Floats,
+        fields: Floats,
+        rates: Floats,
+        changes: Floats,
+    ) -> tuple[float, int]:
+        """The kernel `assemble`, and what the clamp adds to the changes."""
+        found: tuple[float, int] = assemble(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
+            self.linear.scatter, residual, data, fields, rates, changes,
+        )  # fmt: skip
+        if self.clamp is not None and len(fields) > 0:
+            changes[:, self.clamp.rim, :2] += self.clamp.forces(fields)
+        return found
 
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""

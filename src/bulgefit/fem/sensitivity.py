@@ -29,31 +29,30 @@ ForceDerivative = Callable[[Floats, float], Floats]
 #: the rounding error 1e-16 over it.
 _ALONG = 1e-6
 
-#: Span of the central difference along a slope, relative to s; corrections of a slope that are
-#: worth another, relative to it, and the most of them.
-_WATCHED, _SLIGHT, _CORRECTIONS = 1e-4, 1e-3, 5
+#: Corrections of a slope that are worth another, relative to it, and the most of them.
+_SLIGHT, _CORRECTIONS = 1e-3, 6
 
 
 def slope_in_pressure(membrane: Membrane, balance: Equilibrium, stiffness: Floats) -> Floats:
     """∂u/∂s, s = p^(1/3): (n, 3) mm/MPa^(1/3).
 
-    The factor may be that of a shape some way off. Then the out-of-balance force is watched
-    along the slope, which it should not change, and what it changes corrects the slope.
+    The search may have found it by the way. The factor may be that of a shape some way off; then
+    what the out-of-balance force still changes along the slope corrects it.
     """
     s = np.cbrt(balance.pressure)
-    h = _WATCHED * s
-    by_pressure = balance.factor.solve(membrane.pressure_force(balance.displacement))
-    slope = membrane.spread(3.0 * s**2 * by_pressure)
-    for _ in range(0 if balance.exact else _CORRECTIONS):
-        ahead, behind = (
-            membrane.state(
-                balance.displacement + step * slope, (s + step) ** 3, stiffness, tangent=False
-            ).residual
-            for step in (h, -h)
-        )
-        correction = membrane.spread(balance.factor.solve((ahead - behind) / (2.0 * h)))
-        slope -= correction
-        if not np.abs(correction).max() > _SLIGHT * np.abs(slope).max():
+    slope, changed = balance.slope, balance.slope_change
+    for _ in range(_CORRECTIONS):
+        if changed <= _SLIGHT:
+            break
+        along = (slope, 3.0 * s**2)
+        change = membrane.state(
+            balance.displacement, balance.pressure, stiffness, tangent=False, along=along
+        ).change
+        assert change is not None
+        correction = membrane.spread(balance.factor.solve(change))
+        slope = slope - correction
+        changed = np.abs(correction).max() / np.abs(slope).max()
+        if balance.exact:
             break
     return slope
 
