@@ -22,7 +22,7 @@ import numpy as np
 
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
 from bulgefit.fem.jit import compiled, inlined
-from bulgefit.fem.lanes import LANES, respond_in_lanes
+from bulgefit.fem.lanes import LANES, respond_in_lanes, stiffness_in_lanes
 from bulgefit.fem.laws import natural_state, respond, stress_sensitivity
 
 __all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]
@@ -65,10 +65,11 @@ def _gather(x, cells, first, count, corners):
 
 
 @inlined
-def _gather_gradient(gradient, first, count, slopes):
-    """Shape gradients of `count` cells into slopes (4 points, 4 nodes, 2, lanes)."""
+def _gather_reference(gradient, weight, first, count, slopes, heavy):
+    """Shape gradients and weights of `count` cells: (4 points, 4 nodes, 2, lanes), (4, lanes)."""
     for c in range(count):
         for g in range(4):
+            heavy[g, c] = weight[first + c, g]
             for a in range(4):
                 for i in range(2):
                     slopes[g, a, i, c] = gradient[first + c, g, a, i]
@@ -362,10 +363,7 @@ def assemble(
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
         _gather(x, cells, first, count, corners)
-        _gather_gradient(gradient, first, count, slopes)
-        for c in range(count):
-            for g in range(4):
-                heavy[g, c] = weight[first + c, g]
+        _gather_reference(gradient, weight, first, count, slopes, heavy)
         forces[:] = 0.0
         for g in range(4):
             _deformation(corners, slopes[g], f[g])
@@ -436,29 +434,34 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
     ok : bool
     """
     corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
-    f, stress = np.zeros((4, 6, LANES)), np.zeros((4, 3, LANES))
-    strain = np.empty((3, LANES))
+    f, heavy = np.zeros((4, 6, LANES)), np.zeros((4, LANES))
+    strain, stress, plain = np.empty((3, LANES)), np.empty((3, LANES)), np.empty(LANES)
+    by_stiffness, natural = np.empty((4, 3, LANES)), natural_state(q, law)
     forces = np.empty((4, 4, 3, LANES))
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
         _gather(x, cells, first, count, corners)
-        _gather_gradient(gradient, first, count, slopes)
+        _gather_reference(gradient, weight, first, count, slopes, heavy)
         forces[:] = 0.0
         for g in range(4):
             _deformation(corners, slopes[g], f[g])
             _strain(f[g], strain)
+            stiffness_in_lanes(
+                strain, heavy[g], q, law, relax, natural, by_stiffness, stress, plain
+            )
             for c in range(count):
-                state, found = stress_sensitivity(
-                    strain[0, c], strain[1, c], strain[2, c], q, law, relax
-                )
-                if state < 0:
-                    return False
-                for k in range(4):
-                    for i in range(3):
-                        stress[k, i, c] = weight[first + c, g] * found[k][i]
+                if plain[c] == 0.0:
+                    state, found = stress_sensitivity(
+                        strain[0, c], strain[1, c], strain[2, c], q, law, relax
+                    )
+                    if state < 0:
+                        return False
+                    for k in range(4):
+                        for i in range(3):
+                            by_stiffness[k, i, c] = heavy[g, c] * found[k][i]
             for k in range(4):
-                _add_stress(f[g], slopes[g], stress[k], forces[k])
+                _add_stress(f[g], slopes[g], by_stiffness[k], forces[k])
         for k in range(4):
             _add_to_nodes(forces[k], cells, first, count, out[k])
     return True

@@ -13,9 +13,16 @@ from __future__ import annotations
 import math
 
 from bulgefit.fem.jit import inlined, merged
-from bulgefit.fem.laws import is_compressed, is_slack, pull_back, straight_potential
+from bulgefit.fem.laws import (
+    by_stiffness,
+    is_compressed,
+    is_slack,
+    log_strain,
+    pull_back,
+    straight_potential,
+)
 
-__all__ = ["LANES", "respond_in_lanes"]
+__all__ = ["LANES", "respond_in_lanes", "stiffness_in_lanes"]
 
 #: Points that are taken together: arrays have them last, and the innermost loops run over them.
 #: With fewer of them LLVM unrolls these loops instead.
@@ -31,6 +38,22 @@ def _log_argument(det):
     """The u of ½ ln det = 2 atanh u."""
     root = math.sqrt(det)
     return (root - 1.0) / (root + 1.0)
+
+
+@merged
+def _log_terms(m, s):
+    """½ ln det, g, ∂g/∂s and ∂²g/∂s²."""
+    det = m * m - s
+    u = _log_argument(det)
+    z = s / (m * m)
+    log, phi_2 = 0.0, 0.0
+    for n in range(_TERMS - 1, -1, -1):
+        log = log * (u * u) + 1.0 / (2.0 * n + 1.0)
+        phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
+    whole = m * m / det  # 1/(1 - z)
+    phi_1 = (whole * whole - 2.0 * z * phi_2) / 3.0
+    phi = whole - 2.0 * z * phi_1
+    return 2.0 * u * log, phi / m, phi_1 / (m * m * m), phi_2 / (m * m * m * m * m)
 
 
 @inlined
@@ -62,25 +85,60 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
         for c in range(LANES):
             m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
             k, w = strain[2, c], weight[c]
-            s = h * h + k * k
-            det = m * m - s
-            u = _log_argument(det)
-            z = s / (m * m)
-            log, phi_2 = 0.0, 0.0
-            for n in range(_TERMS - 1, -1, -1):
-                log = log * (u * u) + 1.0 / (2.0 * n + 1.0)
-                phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
-            area = 2.0 * u * log
-            whole = m * m / det  # 1/(1 - z)
-            phi_1 = (whole * whole - 2.0 * z * phi_2) / 3.0
-            phi = whole - 2.0 * z * phi_1
-            g, g_s, g_ss = phi / m, phi_1 / (m * m * m), phi_2 / (m * m * m * m * m)
+            area, g, g_s, g_ss = _log_terms(m, h * h + k * k)
             e1, e2 = 0.5 * (area + g * h), 0.5 * (area - g * h)
             found = pull_back(m, h, k, g, g_s, g_ss, straight_potential(e1, e2, g * k, q))
             at[0, c], at[1, c], at[2, c] = w * found[0], w * found[1], w * found[2]
             at[3, c], at[4, c], at[5, c] = w * found[3], w * found[4], w * found[5]
             at[6, c], at[7, c], at[8, c] = w * found[6], w * found[7], w * found[8]
             at[9, c] = w * found[9]
+    _find_plain(strain, at[1:4], weight, q, relax, natural, plain)
+
+
+@inlined
+def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, plain):
+    """∂S/∂(D11, D22, D12, D33) times a weight, of points such as `respond_in_lanes` takes.
+
+    Parameters
+    ----------
+    found : (4, 3, LANES) array
+        Overwritten.
+    stress : (3, LANES) array
+        Overwritten with S times the weight, as far as it is due to D. Positive gains only add
+        tension, the logarithm being operator monotone; with others no point is plain.
+    """
+    if law == 1:
+        for c in range(LANES):
+            w = weight[c]
+            e1, e2 = 0.5 * (strain[0, c] - 1.0) - q[4], 0.5 * (strain[1, c] - 1.0) - q[5]
+            found[0, 0, c], found[0, 1, c], found[0, 2, c] = w * e1, 0.0, 0.0
+            found[1, 0, c], found[1, 1, c], found[1, 2, c] = 0.0, w * e2, 0.0
+            found[2, 0, c], found[2, 1, c], found[2, 2, c] = w * e2, w * e1, 0.0
+            found[3, 0, c], found[3, 1, c], found[3, 2, c] = 0.0, 0.0, w * strain[2, c]
+    else:
+        for c in range(LANES):
+            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
+            k, w = strain[2, c], weight[c]
+            area, g, g_s, _ = _log_terms(m, h * h + k * k)
+            d11, d22, d12, d33 = by_stiffness(log_strain(m, h, k, area, g, g_s), q)
+            found[0, 0, c], found[0, 1, c], found[0, 2, c] = w * d11[0], w * d11[1], w * d11[2]
+            found[1, 0, c], found[1, 1, c], found[1, 2, c] = w * d22[0], w * d22[1], w * d22[2]
+            found[2, 0, c], found[2, 1, c], found[2, 2, c] = w * d12[0], w * d12[1], w * d12[2]
+            found[3, 0, c], found[3, 1, c], found[3, 2, c] = w * d33[0], w * d33[1], w * d33[2]
+    for i in range(3):
+        for c in range(LANES):
+            stress[i, c] = (
+                q[0] * found[0, i, c] + q[1] * found[1, i, c]
+                + q[2] * found[2, i, c] + q[3] * found[3, i, c]
+            )  # fmt: skip
+    _find_plain(strain, stress, weight, q, relax, natural, plain)
+    if q[6] < 0.0 or q[7] < 0.0:
+        plain[:] = 0.0
+
+
+@inlined
+def _find_plain(strain, stress, weight, q, relax, natural, plain):
+    """Tell the points that are taut, near the natural state, and free of bends."""
     curved = q[8] != 0.0 or q[9] != 0.0
     for c in range(LANES):
         c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]
@@ -89,5 +147,5 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
         u = _log_argument(m * m - s)
         near = (c11 > 0.0) & (m * m > s) & (s < _NEAR * m * m) & (u * u < _NEAR)
         loose = is_slack(c11, c22, c12, natural)
-        loose |= is_compressed(at[1, c], at[2, c], at[3, c], weight[c] * (q[0] + q[1]))
+        loose |= is_compressed(stress[0, c], stress[1, c], stress[2, c], weight[c] * (q[0] + q[1]))
         plain[c] = 1.0 if near & (not (relax & loose)) & (not curved) else 0.0

@@ -36,8 +36,10 @@ __all__ = [
     "SLACK",
     "TAUT",
     "WRINKLED",
+    "by_stiffness",
     "is_compressed",
     "is_slack",
+    "log_strain",
     "natural_state",
     "point_response",
     "pull_back",
@@ -100,11 +102,16 @@ def _strain(c11, c22, c12, law):
         )  # fmt: skip
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k
-    det = m * m - s
     g, g_s = _log_coefficient(m, s)
+    return log_strain(m, h, k, 0.5 * math.log(m * m - s), g, g_s)
+
+
+@merged
+def log_strain(m, h, k, area, g, g_s):
+    """`_strain` of the logarithmic law."""
+    det = m * m - (h * h + k * k)
     g_m = -1.0 / det
-    area = 0.5 * math.log(det)
-    # derivatives of A, B, G as in `_response`, in m, h and k
+    # derivatives of A, B, G as in `pull_back`, in m, h and k
     gh, gk = 2.0 * h * g_s, 2.0 * k * g_s
     a_m, a_h, a_k = m / det, -h / det, -k / det
     b_m, b_h, b_k = g_m * h, g + gh * h, gk * h
@@ -432,12 +439,12 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
     at = _response(c11, c22, c12, q, law)
     if relax and is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
-        by_stiffness = _stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
+        found = _stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
         return state, (
-            _take_out(a1, a2, at, by_stiffness[0]),
-            _take_out(a1, a2, at, by_stiffness[1]),
-            _take_out(a1, a2, at, by_stiffness[2]),
-            _take_out(a1, a2, at, by_stiffness[3]),
+            _take_out(a1, a2, at, found[0]),
+            _take_out(a1, a2, at, found[1]),
+            _take_out(a1, a2, at, found[2]),
+            _take_out(a1, a2, at, found[3]),
         )
     return TAUT, _stress_by_stiffness(c11, c22, c12, q, law)
 
@@ -445,7 +452,13 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
 @compiled
 def _stress_by_stiffness(c11, c22, c12, q, law):
     """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33 of the unrelaxed law."""
-    e1, e2, e3, p11, p12, p13, p21, p22, p23, p31, p32, p33 = _strain(c11, c22, c12, law)
+    return by_stiffness(_strain(c11, c22, c12, law), q)
+
+
+@merged
+def by_stiffness(strain, q):
+    """`_stress_by_stiffness` at what `_strain` finds."""
+    e1, e2, e3, p11, p12, p13, p21, p22, p23, p31, p32, p33 = strain
     e1, e2 = e1 - q[4], e2 - q[5]
     return (
         (e1 * p11, e1 * p12, e1 * p13),
