@@ -184,9 +184,10 @@ LIMIT = """\
 The path is not at 1.5 times its limit. A factor now serves a whole level, at the price of more
 residuals and substitutions, which are cheaper than it: that lowers the limit more than the path.
 When the factor was renewed for every correction (12 factorisations, svk; slower kernels), the path
-took half as long again. LAPACK's band alone is above the limit, which is PARDISO's; most of the
-rest are tangents, whose 78 entries a cell go to scattered places, residuals, and substitutions,
-which read the whole factor from the second cache twice."""
+took half as long again. LAPACK's band alone is above the limit, which is PARDISO's. The rest are
+substitutions, which read the whole factor from beyond the second cache twice, tangents, whose 78
+entries a cell go to scattered places of a band that is cleared first, and residuals. "Slope's too":
+the path's slope is found by the way, with a second right-hand side."""
 
 
 #: Peers' scripts, and how many times faster is wanted.
