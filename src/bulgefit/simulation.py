@@ -12,10 +12,11 @@ from threadpoolctl import threadpool_limits
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.equilibrium import NewtonError, solve
-from bulgefit.fem.laws import LAWS, SLACK, TAUT, point_response
+from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, disc
 from bulgefit.fem.path import Path
+from bulgefit.fem.relaxation import SLACK, TAUT, point_response
 from bulgefit.fem.trace import TOLERANCE, trace
 from bulgefit.model.parameters import Material, material
 

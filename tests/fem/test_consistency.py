@@ -10,10 +10,11 @@ import pytest
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.lanes import LANES
-from bulgefit.fem.laws import LAWS, SLACK, TAUT, WRINKLED, point_response
+from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import NotPositiveDefiniteError, has_pardiso
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import Mesh, disc, rectangle
+from bulgefit.fem.relaxation import SLACK, TAUT, WRINKLED, point_response
 
 STIFFNESS = orthotropic_stiffness(303.0, 229.0, 5.0, 0.24)
 STATES = {

@@ -23,7 +23,7 @@ import numpy as np
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
 from bulgefit.fem.jit import compiled, inlined
 from bulgefit.fem.lanes import LANES, respond_in_lanes, stiffness_in_lanes
-from bulgefit.fem.laws import natural_state, respond, stress_sensitivity
+from bulgefit.fem.relaxation import natural_state, respond, stress_sensitivity
 
 __all__ = ["assemble", "assemble_pressure", "assemble_sensitivity"]
 

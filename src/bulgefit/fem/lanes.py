@@ -2,7 +2,7 @@
 
 Almost every point of a blown membrane is taut and moderately stretched. There the laws need no
 branches, and with series for the logarithms no calls, so the compiler takes several points at a
-time. Points that are not so plain are told apart, and left to `laws.respond`.
+time. Points that are not so plain are told apart, and left to `relaxation.respond`.
 
 With z = s/m², atanh(√z)/√z =: φ(z) obeys φ + 2 z φ' = 1/(1 - z), and so g and ∂g/∂s follow
 from a series of φ'' alone without cancellation (m, s and g as in `laws`).
@@ -15,12 +15,11 @@ import math
 from bulgefit.fem.jit import inlined, merged
 from bulgefit.fem.laws import (
     by_stiffness,
-    is_compressed,
-    is_slack,
     log_strain,
     pull_back,
     straight_potential,
 )
+from bulgefit.fem.relaxation import is_compressed, is_slack
 
 __all__ = ["LANES", "respond_in_lanes", "stiffness_in_lanes"]
 
@@ -66,13 +65,13 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
         C11, C22, C12.
     weight : (LANES,) array
     q, law, relax
-        As `laws.point_response` takes them.
+        As `relaxation.point_response` takes them.
     natural : tuple of 2
         C11 and C22 of the natural state.
     at : (10, LANES) array
         Overwritten; of no meaning at points that are not plain.
     plain : (LANES,) array
-        Overwritten with 1, and 0 where `laws.respond` has to be asked.
+        Overwritten with 1, and 0 where `relaxation.respond` has to be asked.
     """
     if law == 1:
         for c in range(LANES):

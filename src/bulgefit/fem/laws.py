@@ -18,11 +18,6 @@ k = C12, s = h² + k² and g(m, s) = atanh(√s/m)/√s,
 
 and g has closed derivatives: ∂g/∂m = -1/det C, ∂g/∂s = (m/det C - g)/(2s). Near equal stretches
 the latter cancel and a series in s/m² takes over.
-
-Relaxation (tension field): a fabric has no stiffness in compression. The relaxed energy is the
-least over wrinkles, W_r(C) = min_a W(C + a⊗a), and zero where C fits inside the natural state
-(Pipkin, 1994, "Relaxed energy densities for large deformations of membranes"). At the minimum
-S a = 0: uniaxial tension. Its tangent is the condensation of a from the Hessian.
 """
 
 from __future__ import annotations
@@ -33,28 +28,16 @@ from bulgefit.fem.jit import compiled, merged
 
 __all__ = [
     "LAWS",
-    "SLACK",
-    "TAUT",
-    "WRINKLED",
     "by_stiffness",
-    "is_compressed",
-    "is_slack",
     "log_strain",
-    "natural_state",
-    "point_response",
     "pull_back",
-    "respond",
+    "response",
     "straight_potential",
-    "stress_sensitivity",
+    "stress_by_stiffness",
 ]
 
 #: Laws by name; the number is what the kernels branch on.
 LAWS = {"hencky": 0, "svk": 1}
-
-TAUT, WRINKLED, SLACK = 0, 1, 2
-
-#: W, S and CC of a point without stress.
-_NOTHING = (0.0,) * 10
 
 _SERIES_BELOW = 0.01  # in z = s/m²; eight terms leave 1e-17
 
@@ -176,7 +159,7 @@ def _knee(e, knee):
 
 
 @compiled
-def _response(c11, c22, c12, q, law):
+def response(c11, c22, c12, q, law):
     """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23)."""
     if law == 1:
         psi, t1, t2, t3, h11, h22, h33, h12 = _potential(
@@ -194,7 +177,7 @@ def _response(c11, c22, c12, q, law):
 
 @merged
 def pull_back(m, h, k, g, g_s, g_ss, at):
-    """`_response` of the logarithmic law, with `_potential` at its strain."""
+    """`response` of the logarithmic law, with `_potential` at its strain."""
     psi, t1, t2, t3, h11, h22, h33, h12 = at
     s = h * h + k * k
     det = m * m - s
@@ -247,217 +230,15 @@ def pull_back(m, h, k, g, g_s, g_ss, at):
     )  # fmt: skip
 
 
-@merged
-def natural_state(q, law):
-    """C11 and C22 of the natural state C0."""
-    if law == 1:
-        return 1.0 + 2.0 * q[4], 1.0 + 2.0 * q[5]
-    return math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
-
-
-@merged
-def is_slack(c11, c22, c12, natural):
-    """True where C0 - C is positive semidefinite, C0 the natural state: nothing is stretched."""
-    left1, left2 = natural[0] - c11, natural[1] - c22
-    return (left1 >= 0.0) & (left2 >= 0.0) & (left1 * left2 >= c12 * c12)
-
-
-@merged
-def is_compressed(s11, s22, s12, modulus):
-    """True where the lower principal stress is negative, beyond rounding."""
-    slight = 1e-13 * modulus
-    s11, s22 = s11 + slight, s22 + slight
-    return (s11 < 0.0) | (s22 < 0.0) | (s11 * s22 < s12 * s12)
-
-
 @compiled
-def _wrinkle(c11, c22, c12, q, law, at):
-    """Minimise W(C + a⊗a) over a by Newton's method.
-
-    Parameters
-    ----------
-    at : tuple
-        `_response` at C.
-
-    Returns
-    -------
-    converged : bool
-    a1, a2 : float
-    at : tuple
-        `_response` at the minimum.
-    """
-    # Start: most compressed direction n of S, and the amplitude that frees it to first order.
-    s11, s22, s12 = at[1], at[2], at[3]
-    angle = 0.5 * math.atan2(2.0 * s12, s11 - s22) + 0.5 * math.pi
-    n1, n2 = math.cos(angle), math.sin(angle)
-    snn = s11 * n1 * n1 + s22 * n2 * n2 + 2.0 * s12 * n1 * n2
-    v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
-    cnn = (
-        at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
-        + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
-    )  # fmt: skip
-    amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
-    a1, a2 = amplitude * n1, amplitude * n2
-    scale = q[0] + q[1]
-    at = _response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
-    for _ in range(60):
-        r1 = at[1] * a1 + at[3] * a2
-        r2 = at[3] * a1 + at[2] * a2
-        norm_a = math.hypot(a1, a2)
-        if math.hypot(r1, r2) <= 1e-13 * scale * norm_a:
-            return True, a1, a2, at
-        m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-        # Newton only where the Hessian is positive definite, else with a shift that makes it so
-        low = 0.5 * (m11 + m22) - math.hypot(0.5 * (m11 - m22), m12)
-        high = 0.5 * (m11 + m22) + math.hypot(0.5 * (m11 - m22), m12)
-        shift = max(0.0, 1e-3 * abs(high) - low) if low <= 1e-9 * abs(high) else 0.0
-        m11, m22 = m11 + shift, m22 + shift
-        det = m11 * m22 - m12 * m12
-        d1 = -(m22 * r1 - m12 * r2) / det
-        d2 = -(m11 * r2 - m12 * r1) / det
-        energy = at[0]
-        slope = r1 * d1 + r2 * d2
-        step = 1.0
-        for _ in range(30):
-            b1, b2 = a1 + step * d1, a2 + step * d2
-            at = _response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
-            # strains carry a rounding error of 1e-16, and the energy with them
-            if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
-                break
-            step *= 0.5
-        a1, a2 = b1, b2
-        if step * math.hypot(d1, d2) <= 1e-12 * norm_a:
-            return True, a1, a2, at
-    return False, a1, a2, at
-
-
-@compiled
-def _wrinkle_stiffness(a1, a2, at):
-    """CC B with B = ∂E/∂a of E + ½ a⊗a: its columns for a1 and a2, each (3,)."""
-    return (
-        at[4] * a1 + at[8] * a2, at[7] * a1 + at[9] * a2, at[8] * a1 + at[6] * a2,
-        at[7] * a2 + at[8] * a1, at[5] * a2 + at[9] * a1, at[9] * a2 + at[6] * a1,
-    )  # fmt: skip
-
-
-@compiled
-def _wrinkle_hessian(a1, a2, at):
-    """∂²W/∂a∂a = S + BᵀCC B: components 11, 22, 12."""
-    x1, y1, z1, _, y2, z2 = _wrinkle_stiffness(a1, a2, at)
-    return at[1] + a1 * x1 + a2 * z1, at[2] + a2 * y2 + a1 * z2, at[3] + a2 * y1 + a1 * z1
-
-
-@compiled
-def _condense(a1, a2, at):
-    """`at` with the wrinkle taken out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC."""
-    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-    det = m11 * m22 - m12 * m12
-    i11, i22, i12 = m22 / det, m11 / det, -m12 / det
-    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
-    return (
-        at[0], at[1], at[2], at[3],
-        at[4] - (i11 * x1 * x1 + i22 * x2 * x2 + 2.0 * i12 * x1 * x2),
-        at[5] - (i11 * y1 * y1 + i22 * y2 * y2 + 2.0 * i12 * y1 * y2),
-        at[6] - (i11 * z1 * z1 + i22 * z2 * z2 + 2.0 * i12 * z1 * z2),
-        at[7] - (i11 * x1 * y1 + i22 * x2 * y2 + i12 * (x1 * y2 + x2 * y1)),
-        at[8] - (i11 * x1 * z1 + i22 * x2 * z2 + i12 * (x1 * z2 + x2 * z1)),
-        at[9] - (i11 * y1 * z1 + i22 * y2 * z2 + i12 * (y1 * z2 + y2 * z1)),
-    )  # fmt: skip
-
-
-@compiled
-def _relaxed(c11, c22, c12, q, law):
-    """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = _response(c11, c22, c12, q, law)
-    converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
-    return (WRINKLED if converged else -1), a1, a2, at
-
-
-@compiled
-def respond(c11, c22, c12, q, law, relax):
-    """State of a material point, and W, S (3), CC (6), as `point_response` explains them."""
-    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
-        return -1, _NOTHING
-    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
-        return SLACK, _NOTHING
-    at = _response(c11, c22, c12, q, law)
-    if not relax or not is_compressed(at[1], at[2], at[3], q[0] + q[1]):
-        return TAUT, at
-    state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
-    return state, _condense(a1, a2, at)
-
-
-@compiled
-def point_response(c11, c22, c12, q, law, relax, out):
-    """Energy, stress and tangent of a material point.
-
-    Parameters
-    ----------
-    c11, c22, c12 : float
-        Right Cauchy-Green tensor in material axes.
-    q : tuple of 12, MPa and 1
-        Plane-stress stiffness, slack, gains and knee, as `_potential` takes them. A tuple, whose
-        length the compiler checks; an array that is too short would be read past its end.
-    law : int
-        A value of `LAWS`.
-    relax : bool
-        Tension-field relaxation.
-    out : (10,) array
-        Filled with W; S11, S22, S12; CC11, CC22, CC33, CC12, CC13, CC23 (MPa).
-
-    Returns
-    -------
-    state : int
-        TAUT, WRINKLED or SLACK; -1 where C is not positive definite.
-    """
-    state, at = respond(c11, c22, c12, q, law, relax)
-    for i in range(10):
-        out[i] = at[i]
-    return state
-
-
-@compiled
-def stress_sensitivity(c11, c22, c12, q, law, relax):
-    """∂S/∂D at fixed C for the four stiffness components.
-
-    With e the elastic strain and P = ∂e/∂E, S = Pᵀ D e. The stress is linear in D at the wrinkled
-    state C* = C + a⊗a, which itself moves with D: ∂S_r/∂D = S_D - CC B (∂²W/∂a²)⁻¹ Bᵀ S_D.
-
-    Returns
-    -------
-    state : int
-        As `point_response`.
-    sensitivity : tuple of 4 tuples
-        ∂(S11, S22, S12)/∂ each of D11, D22, D12, D33, 1.
-    """
-    zero = (0.0, 0.0, 0.0)
-    nothing = (zero, zero, zero, zero)
-    if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
-        return -1, nothing
-    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
-        return SLACK, nothing
-    at = _response(c11, c22, c12, q, law)
-    if relax and is_compressed(at[1], at[2], at[3], q[0] + q[1]):
-        state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
-        found = _stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
-        return state, (
-            _take_out(a1, a2, at, found[0]),
-            _take_out(a1, a2, at, found[1]),
-            _take_out(a1, a2, at, found[2]),
-            _take_out(a1, a2, at, found[3]),
-        )
-    return TAUT, _stress_by_stiffness(c11, c22, c12, q, law)
-
-
-@compiled
-def _stress_by_stiffness(c11, c22, c12, q, law):
+def stress_by_stiffness(c11, c22, c12, q, law):
     """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33 of the unrelaxed law."""
     return by_stiffness(_strain(c11, c22, c12, law), q)
 
 
 @merged
 def by_stiffness(strain, q):
-    """`_stress_by_stiffness` at what `_strain` finds."""
+    """`stress_by_stiffness` at what `_strain` finds."""
     e1, e2, e3, p11, p12, p13, p21, p22, p23, p31, p32, p33 = strain
     e1, e2 = e1 - q[4], e2 - q[5]
     return (
@@ -466,16 +247,3 @@ def by_stiffness(strain, q):
         (e2 * p11 + e1 * p21, e2 * p12 + e1 * p22, e2 * p13 + e1 * p23),
         (e3 * p31, e3 * p32, e3 * p33),
     )
-
-
-@compiled
-def _take_out(a1, a2, at, stress):
-    """A change of stress at fixed wrinkle, less what the wrinkle's own change relieves."""
-    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-    det = m11 * m22 - m12 * m12
-    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
-    s1, s2, s3 = stress
-    r1, r2 = s1 * a1 + s3 * a2, s3 * a1 + s2 * a2
-    d1 = (m22 * r1 - m12 * r2) / det
-    d2 = (m11 * r2 - m12 * r1) / det
-    return s1 - x1 * d1 - x2 * d2, s2 - y1 * d1 - y2 * d2, s3 - z1 * d1 - z2 * d2
