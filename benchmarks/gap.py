@@ -270,7 +270,7 @@ def _test_parts(d: Mapping[str, Any]) -> list[str]:
         parts.append(
             f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
             f"Takes {100 * max(c['heldout_reduction'], 0.0):.0f} % of the held-out sum of squares "
-            "that the others leave, to first order."
+            "that the others, refitted, leave."
         )
     return parts
 
