@@ -33,8 +33,8 @@ LEFT_BEHIND = 1e-3
 MANY = 9
 #: Of the gap, an effect beside a flexible one must explain this share: a smaller one may be no more
 #: than what the flexible one misses of something else. On made tests true companions explained
-#: 0.018 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028.
-LEAST_COMPANION = 0.01
+#: 0.0055 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028.
+LEAST_COMPANION = 0.004
 
 
 def doubt(

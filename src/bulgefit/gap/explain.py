@@ -202,16 +202,21 @@ def _round(search: Search, current: Regression, groups: Groups, most: int) -> Ro
         [(keys, known.starts(keys, [k for k in keys if k not in current.keys])) for keys in freed],
         lambda index, _: search.say(_trial_name(groups, *chosen[index][1:])),
     )
-    tried = [
-        search.candidate(effect, keys, fit, realised=False)
-        for (_, effect, keys), fit in zip(chosen, fits, strict=True)
-        if fit is not None
-    ]
-    candidates = sorted(tried, key=lambda c: c.score)
+    # by its forecast or by its first step, whichever promises more: both may err
+    promised = sorted(
+        (
+            (min(score, candidate.score), candidate)
+            for (score, effect, keys), fit in zip(chosen, fits, strict=True)
+            if fit is not None
+            for candidate in [search.candidate(effect, keys, fit, realised=False)]
+        ),
+        key=lambda item: item[0],
+    )
+    candidates = [candidate for _, candidate in promised]
     if not candidates:
         return Round(before, [], None)
-    reach = candidates[0].score + max(2 * TIE, FINAL_SHARE * (before - candidates[0].held_out))
-    finalists = [c for c in candidates[:FINALISTS] if c.score <= reach]
+    reach = promised[0][0] + max(2 * TIE, FINAL_SHARE * (before - promised[0][0]))
+    finalists = [c for promise, c in promised[:FINALISTS] if promise <= reach]
     candidates[: len(finalists)] = finished(finalists)
     candidates.sort(key=lambda c: c.score)
     ended = {c.effect for c in finalists}
