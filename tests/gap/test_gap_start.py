@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import regress
 from bulgefit.gap.universe import universe
 
@@ -39,3 +41,18 @@ def test_a_start_stays_where_only_one_side_is_plausible(
     known = universe(data, regress(data, MODULI, MATERIAL), [slip])
     (key,) = slip.all_keys
     assert known.starts((*MODULI, key), (key,)) == {key: slip.parameters[0].start}
+
+
+def test_a_small_window_is_judged_by_its_forecast_as_well(
+    made_by_the_model: Callable[..., Data],
+) -> None:
+    """A window of 3.5 mm: the first step from a start at 8 mm promises little."""
+    data = [
+        made_by_the_model({**MATERIAL, "dic_smoothing.window": 3.5}, spacing=6.0, frames=12, seed=3)
+    ]
+    effects = [CATALOGUE["dic_smoothing"], CATALOGUE["clamp_shape"]]
+    with ThreadPoolExecutor(1) as executor:
+        found = explain(data, effects, regress(data, MODULI, MATERIAL), executor)
+    assert [*found.groups] == ["dic_smoothing"]
+    assert found.doubt == ""
+    assert found.final.values["dic_smoothing.window"] == pytest.approx(3.5, rel=0.05)
