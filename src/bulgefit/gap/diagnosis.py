@@ -60,7 +60,7 @@ class Cause:
     bias_if_omitted : dict
         Relative error of each modulus when the effect is left out and all else refitted.
     partial : bool
-        True where significant structure is left beside it, or too many others are needed.
+        True where the effects found do not explain the gap; `doubt.Doubt` says why.
     """
 
     effect: str

@@ -125,7 +125,8 @@ def _draw_budget(
     for name, value in effects:
         low, high = sorted((value, at))
         colour = _GREEN if value <= at else _VERMILION
-        bars.append((name, low, high, colour, f"{round(value - at, 4) + 0.0:+.4f}"))
+        change = round(value - at, 4) + 0.0  # not -0.0
+        bars.append((name, low, high, colour, f"{change:+.4f}"))
         at = value
     bars.append(("remaining", 0.0, left, _BLUE, f"{left:.4f}"))
     bars.append(("of which noise", 0.0, min(floor, left), "0.6", f"floor {floor:.4f}"))
