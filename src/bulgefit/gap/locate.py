@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 ORDERS = (0, 1, 2, 3, 4)
 #: Share of an amplitude's sum of squares that the law it follows may miss.
-FOLLOWED = 0.3
+FOLLOWED = 0.05
 _NAMES = ("radial", "hoop", "dz")
 
 
