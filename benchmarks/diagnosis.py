@@ -32,7 +32,7 @@ RECIPE = Recipe(frames=20, spacing=3.85)
 WANTED_SECONDS = 60
 
 
-def timed(kind: str, seed: int, executor: Executor) -> list[str]:
+def timed(kind: str, seed: int, executor: Executor, workers: int) -> list[str]:
     """A row of the table."""
     made = make_test(kind, seed, RECIPE)
     (block,) = made.test.blocks
@@ -41,7 +41,7 @@ def timed(kind: str, seed: int, executor: Executor) -> list[str]:
     if test.time is None:
         test = replace(test, time=np.arange(float(test.n_frames)))
     began = time.perf_counter()
-    found = bulgefit.diagnose(test, executor=executor)
+    found = bulgefit.diagnose(test, executor=executor, workers=workers)
     seconds = time.perf_counter() - began
     print(f"{kind}: {seconds:.1f} s", file=sys.stderr, flush=True)
     judged = found.prepared[0].data.used.any(axis=2).any(axis=0).sum()
@@ -80,7 +80,7 @@ def main() -> None:
     with open_executor(args.workers, processes=args.workers > 1) as executor:
         small = make_test("clamp_slip", args.seed, Recipe(12, 8.0)).test
         bulgefit.diagnose(small, executor=executor)  # loads the kernels
-        rows = [timed(kind, args.seed + k, executor) for k, kind in enumerate(KINDS)]
+        rows = [timed(kind, args.seed + k, executor, args.workers) for k, kind in enumerate(KINDS)]
     text = page(rows, args.workers)
     if args.write:
         args.write.write_text(text, encoding="utf-8")

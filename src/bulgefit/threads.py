@@ -1,14 +1,18 @@
-"""How many threads does the linear algebra use? One, so that speed and rounding are the same."""
+"""Which threads are there? Those that balance frames side by side, and one for linear algebra."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
-__all__ = ["one_blas_thread"]
+__all__ = ["one_blas_thread", "side_by_side"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _lock = threading.Lock()
 _blocks = 0
@@ -42,3 +46,13 @@ def one_blas_thread() -> Iterator[None]:
             _blocks -= 1
             if _blocks == 0:
                 _limit.restore_original_limits()
+
+
+def side_by_side(
+    task: Callable[[Item], Result], items: Iterable[Item], threads: int
+) -> list[Result]:
+    """`[task(item) for item in items]`, by so many threads; the first error in order is raised."""
+    if threads == 1:
+        return [task(item) for item in items]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(task, items))

@@ -147,7 +147,7 @@ def test_workers_elsewhere_find_the_same_to_the_last_bit(
     monkeypatch: pytest.MonkeyPatch,
     request: pytest.FixtureRequest,
 ) -> None:
-    """Though one of them is killed; the measured data reach each of them once."""
+    """Though one is killed, and frames go by threads; measured data reach each of them once."""
     log = tmp_path / "readers"
     packed = Block.__reduce__
     monkeypatch.setattr(Block, "__reduce__", lambda self: (read, (str(log), *packed(self)[1])))
@@ -155,7 +155,7 @@ def test_workers_elsewhere_find_the_same_to_the_last_bit(
     if place == "cluster":
         options = {"scheduler": request.getfixturevalue("cluster")}
     with open_executor(**options) as pool:
-        found = diagnose(offset.tests, effects=CANDIDATES, executor=pool)
+        found = diagnose(offset.tests, effects=CANDIDATES, executor=pool, workers=2)
     assert without_times(found) == without_times(offset)
     killed, *others = log.read_text().split()
     assert others

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.exchange import evidence_of, exchanged, fits_without
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.search import Search
+from bulgefit.gap.search import Search, Trial
 from bulgefit.gap.universe import universe
 from bulgefit.workers import open_executor
 
@@ -56,6 +57,30 @@ def test_a_stand_in_makes_room(search: Search, data: list[Data]) -> None:
     fit, found = exchanged(search, wrong, groups)
     assert "pressure_offset" in found
     assert fit.chi_square < 1.05 * fit.normal.count
+
+
+def test_an_effect_grows_into_the_place_of_a_stand_in(
+    search: Search, made_by_the_model: Callable[..., Data]
+) -> None:
+    """A reference state was taken for the shifts of a moved frame, whose turns came after it."""
+    truth = {**TRUTH, "rigid_motion.rotation_x": 0.2, **dict.fromkeys(SHIFT, -0.2)}
+    data = [made_by_the_model(truth, spacing=9.0, frames=8, seed=6)]
+    turns, whole = CATALOGUE["rigid_motion"].groups()
+    groups = {"reference_state": CATALOGUE["reference_state"].groups()[1], "rigid_motion": turns}
+    stand_in = fitted(data, tuple(k for keys in groups.values() for k in keys))
+    search = replace(search, data=data, effects=EFFECTS[1:])
+    fit, found = exchanged(search, stand_in, groups)
+    assert found == {"rigid_motion": whole}
+    assert {*fit.keys} == {*MODULI, *whole}
+    assert fit.values["rigid_motion.shift_y"] == pytest.approx(-0.2, rel=0.02)
+
+
+def test_a_fit_starts_where_one_of_the_same_keys_ended(search: Search, data: list[Data]) -> None:
+    trial = Trial("again", (*MODULI, "pressure_offset.offset"), {**TRUTH, "E1": 250.0})
+    first, again = (search.fits(fitted(data, SHIFT), [trial])[0] for _ in range(2))
+    assert first is not None
+    assert again is not None
+    assert again.values == first.values
 
 
 def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data]) -> None:

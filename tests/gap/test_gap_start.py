@@ -56,3 +56,18 @@ def test_a_small_window_is_judged_by_its_forecast_as_well(
     assert [*found.groups] == ["dic_smoothing"]
     assert found.doubt == ""
     assert found.final.values["dic_smoothing.window"] == pytest.approx(3.5, rel=0.05)
+
+
+def test_a_window_is_tried_beside_others_whatever_its_forecast(
+    made_by_the_model: Callable[..., Data], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A forecast from no window at all errs, so it is not left out for being a bad one."""
+    monkeypatch.setattr("bulgefit.gap.explain.LATER_REFITS", 0)
+    truth = {**MATERIAL, "registration.y0": -1.0, "dic_smoothing.window": 8.0}
+    data = [made_by_the_model(truth, spacing=9.0, frames=10, seed=3)]
+    effects = [CATALOGUE[name] for name in ("registration", "dic_scale", "dic_smoothing")]
+    with ThreadPoolExecutor(1) as executor:
+        found = explain(data, effects, regress(data, MODULI, MATERIAL), executor)
+    assert {*found.groups} == {"registration", "dic_smoothing"}
+    assert found.doubt == ""
+    assert {k: found.final.values[k] for k in truth} == pytest.approx(truth, rel=0.03)

@@ -45,6 +45,11 @@ def test_a_vanishing_window_is_the_smooth_field(window: Window) -> None:
     assert np.sqrt(np.mean(miss**2)) < 5e-4
 
 
+def test_the_value_alone_is_that_of_the_mean(window: Window) -> None:
+    points = POINTS * 1.5  # some of them beside the rim
+    assert abs(window.value(points, 12.0) - window.mean(points, 12.0).value).max() == 0.0
+
+
 @pytest.mark.parametrize(("distance", "width"), [(95.0, 8.0), (99.0, 12.0), (91.0, 9.5)])
 def test_of_what_the_rim_leaves(window: Window, distance: float, width: float) -> None:
     """Against a count over a fine grid of places inside both circles."""

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     """Diagnose, print, write and draw."""
     _common.check_json_target(args)
     effects = _effects(args.effects)
-    several = _common.workers_from(args) > 1
+    workers = _common.workers_from(args)
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     tests = _inverse.read_tests(args)
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     _common.announce_kernels(args)
     with (
         # threads would wait for each other: most of a refit is Python
-        _common.executor_from(args, processes=several) as executor,
+        _common.executor_from(args, processes=workers > 1) as executor,
         _Progress(quiet=args.quiet) as progress,
     ):
         found = diagnose(
@@ -117,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
             thorough=args.thorough,
             seed=args.seed,
             executor=executor,
+            # those of a cluster have their own work for their cores
+            workers=1 if args.scheduler else workers,
             say=progress.say,
         )
     if args.json is not None:

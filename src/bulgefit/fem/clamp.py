@@ -81,11 +81,11 @@ def _rim_lengths(mesh: Mesh, positions: Floats) -> Floats:
 
 def _places(mesh: Mesh, linear: LinearSolver, rim: NDArray[np.int64]) -> NDArray[np.int64]:
     """Where the entries xx, yx, yy of each rim node's block stand in the solver's data."""
-    out = np.empty((len(rim), 3), dtype=np.int64)
-    for i, node in enumerate(rim):
-        cell, corner = np.argwhere(mesh.cells == node)[0]
-        row = 3 * corner
-        diagonal = row * (row + 1) // 2 + row
-        below = (row + 1) * (row + 2) // 2 + row
-        out[i] = linear.scatter[cell, [diagonal, below, below + 1]]
-    return out
+    corners = mesh.cells.ravel()
+    last = np.empty(len(mesh.nodes), dtype=np.int64)
+    last[corners] = np.arange(len(corners))
+    cell, corner = np.divmod(last[rim], mesh.cells.shape[1])
+    row = 3 * corner
+    diagonal = row * (row + 1) // 2 + row
+    below = (row + 1) * (row + 2) // 2 + row
+    return linear.scatter[cell[:, None], np.stack([diagonal, below, below + 1], axis=1)]

@@ -101,7 +101,8 @@ class Membrane:
     fabric : Fabric, optional
         What else there is to the specimen: stress-free surface, slack, gains, slipping clamp.
     like : Membrane, optional
-        A membrane of the same mesh and held displacements, whose linear solver is shared.
+        A membrane of the same mesh and held displacements, whose linear solver is shared, and
+        whose surface, where it is the same.
     """
 
     def __init__(
@@ -136,7 +137,10 @@ class Membrane:
         self.fixed = fixed
         flat = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
         self.reference = flat if self.fabric.surface is None else self.fabric.surface
-        self.surface = ReferenceSurface.of(self.reference, mesh.cells, self.angle)
+        if like is not None and self._lies_as(like):
+            self.surface: ReferenceSurface = like.surface
+        else:
+            self.surface = ReferenceSurface.of(self.reference, mesh.cells, self.angle)
         self.weight = self.thickness * self.surface.area
         if self.fabric.thickness is not None:
             self.weight = self.weight * self.fabric.thickness
@@ -152,6 +156,10 @@ class Membrane:
         # (size,) flat nodal index of each unknown, in the solver's order
         self._unknowns = np.empty(self.linear.size, dtype=np.int64)
         self._unknowns[self.linear.dof[free]] = np.flatnonzero(free.ravel())
+
+    def _lies_as(self, other: Membrane) -> bool:
+        """Whether stress-free surface and warp axis are those of another membrane of the mesh."""
+        return self.angle == other.angle and np.array_equal(self.reference, other.reference)
 
     @property
     def radius(self) -> float:

@@ -152,7 +152,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         poisson_ratio=specimen.test.poisson_ratio,
         time=time,
     )
-    return Specimen(made, refine=specimen.refine, law=specimen.law)
+    return Specimen(made, specimen.refine, specimen.law, specimen.threads)
 
 
 def _prior(names: Sequence[str], errors: dict[str, float]) -> Floats:

@@ -204,7 +204,8 @@ def diagnose(
         Refits candidates side by side: processes, or `Client.get_executor()` of Dask; the result
         does not depend on it. The measured data reach each process once.
     workers : int
-        Threads where no executor is given. They mostly wait for each other.
+        Threads that balance frames side by side, here and in each process of an executor; where
+        no executor is given, also threads that refit candidates.
     say : callable
         Told what is tried.
 
@@ -224,8 +225,8 @@ def diagnose(
     skipped = {} if has_time else {"creep": "the test has no time"}
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
-        prepared = [prepare(test, law) for test in given]
-        kept_out = None if holdout is None else prepare(holdout, law)
+        prepared = [prepare(test, law, workers) for test in given]
+        kept_out = None if holdout is None else prepare(holdout, law, workers)
         data = [p.data for p in prepared]
         say("baseline: the moduli alone")
         baseline = _baseline(prepared)
@@ -290,7 +291,8 @@ def _few_frames(data: Data) -> Data:
     order = np.argsort(data.specimen.recorded, kind="stable")
     frames = np.sort(order[::-4])
     test = data.specimen.test.select(frames=frames)
-    specimen = Specimen(test, refine=data.specimen.refine, law=data.specimen.law)
+    whole = data.specimen
+    specimen = Specimen(test, whole.refine, whole.law, whole.threads)
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 

@@ -9,11 +9,11 @@ a solve; the promising ones are fitted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 from bulgefit.gap.keys import group_keys, null_of
-from bulgefit.gap.regress import Regression
+from bulgefit.gap.regress import MAX_ITERATIONS, Regression
 from bulgefit.gap.search import (
     GAIN,
     GAIN_PER_PARAMETER,
@@ -28,8 +28,8 @@ from bulgefit.gap.universe import Universe
 
 __all__ = ["Evidence", "evidence_of", "exchanged", "fits_without", "without_superfluous"]
 
-#: Exchanges that are made at most, and fits that are tried for each.
-MOST_EXCHANGES, MOST_TRIED = 3, 4
+#: Exchanges that are made at most, fits that are tried for each, and steps that each of them gets.
+MOST_EXCHANGES, MOST_TRIED, STEPS = 3, 4, 8
 #: Share of what effects explain by which a linear forecast without them may err.
 LINEAR = 0.02
 
@@ -60,7 +60,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class _Exchange:
-    """Effects that leave, the one that comes with its keys, and forecasts.
+    """Effects that leave, the one that comes or grows, with all its keys, and forecasts.
 
     `score` with it in their place, `without` the held-out sum of squares with nothing there, where
     `known` is everything that could be freed.
@@ -123,11 +123,13 @@ def _is_enough(search: Search, current: Regression, fit: Regression, keys: Seque
 
 def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regression, Groups]:
     """Put another effect in the place of one or two, while that scores better."""
+    left: list[set[str]] = []
     for _ in range(MOST_EXCHANGES):
         known = search.universe(current)
         here = _score(search, current, groups)
-        options = _promising(search, known, current, groups, here)
-        tried = _tried(search, current, groups, options)
+        left.append(set(groups))
+        options = _promising(search, known, current, groups, here, left)
+        tried = _tried(search, current, groups, options, STEPS)
         better = [pair for pair in tried if pair is not None and _score(search, *pair) < here]
         if not better:
             break
@@ -136,16 +138,24 @@ def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regr
 
 
 def _promising(
-    search: Search, known: Universe, current: Regression, groups: Groups, here: float
+    search: Search,
+    known: Universe,
+    current: Regression,
+    groups: Groups,
+    here: float,
+    left: Sequence[set[str]],
 ) -> list[_Exchange]:
-    """The exchanges worth a fit, best first; one for each effect that comes for one or for two."""
+    """The exchanges worth a fit, best first; one for each effect that comes for one or for two.
+
+    None leads back to effects that were left.
+    """
     best: dict[tuple[str, int], _Exchange] = {}
     for leaving in chain(combinations(groups, 1), combinations(groups, 2)):
         for option in _forecasts(search, known, current, groups, leaving):
             kind = option.effect, len(leaving)
             # the further effects are from their null, the less a linear forecast is worth
             slack = max(TIE, LINEAR * (option.without - here))
-            near = option.score < here + slack
+            near = option.score < here + slack and set(_after(groups, option)) not in left
             if near and (kind not in best or option.score < best[kind].score):
                 best[kind] = option
     return sorted(best.values(), key=lambda option: option.score)[:MOST_TRIED]
@@ -153,8 +163,11 @@ def _promising(
 
 def _score(search: Search, fit: Regression, groups: Groups) -> float:
     """Held-out sum of squares over the inflation, with the cost of the effects' parameters."""
-    size = sum(search.size(keys) for keys in groups.values())
-    return fit.held_out() + GAIN_PER_PARAMETER * size
+    return fit.held_out() + GAIN_PER_PARAMETER * _size(search, groups)
+
+
+def _size(search: Search, groups: Groups) -> float:
+    return sum(search.size(keys) for keys in groups.values())
 
 
 def _forecasts(
@@ -164,29 +177,33 @@ def _forecasts(
     groups: Groups,
     leaving: Sequence[str],
 ) -> Iterator[_Exchange]:
-    """Every other effect in the place of those that leave, by one linear step."""
+    """Other effects, or larger forms of those that stay, for those that leave, by a linear step."""
     dropped = [k for name in leaving for k in groups[name]]
     moved = known.moved({k: null_of(k, search.data) - current.values[k] for k in dropped})
     rest = [k for k in current.keys if k not in dropped]
     without = moved.held_out(rest)
-    staying = sum(search.size(keys) for name, keys in groups.items() if name not in leaving)
     for effect in search.effects:
-        if effect.id in groups:
+        if effect.id in leaving:
             continue
         for group in effect.groups():
             keys = group_keys(group, len(search.data))
-            if not set(keys) <= set(known.keys):
-                continue  # out of reach
-            held = moved.held_out([*rest, *keys])
-            cost = GAIN_PER_PARAMETER * (staying + search.size(keys))
-            yield _Exchange(tuple(leaving), effect.id, keys, held + cost, without, moved)
+            if not set(groups.get(effect.id, ())) < set(keys) <= set(known.keys):
+                continue  # in the model already, or out of reach
+            held = moved.held_out(dict.fromkeys([*rest, *keys]))
+            option = _Exchange(tuple(leaving), effect.id, keys, held, without, moved)
+            cost = GAIN_PER_PARAMETER * _size(search, _after(groups, option))
+            yield replace(option, score=held + cost)
 
 
 def _tried(
-    search: Search, current: Regression, groups: Groups, options: Sequence[_Exchange]
+    search: Search,
+    current: Regression,
+    groups: Groups,
+    options: Sequence[_Exchange],
+    steps: int = MAX_ITERATIONS,
 ) -> list[tuple[Regression, Groups] | None]:
     """The fits with each exchange made; None where nothing balances."""
-    fits = search.fits(current, [_trial_of(current, groups, option) for option in options])
+    fits = search.fits(current, [_trial_of(current, groups, option) for option in options], steps)
     return [
         None if fit is None else (fit, _after(groups, option))
         for fit, option in zip(fits, options, strict=True)
@@ -195,9 +212,9 @@ def _tried(
 
 def _trial_of(current: Regression, groups: Groups, option: _Exchange) -> Trial:
     dropped = {k for name in option.leaving for k in groups[name]}
-    keys = (*(k for k in current.keys if k not in dropped), *option.keys)
     start = {k: v for k, v in current.values.items() if k not in dropped}
-    start.update(option.known.starts(keys, option.keys))
+    keys = tuple(dict.fromkeys([*(k for k in current.keys if k not in dropped), *option.keys]))
+    start.update(option.known.starts(keys, [k for k in option.keys if k not in start]))
     return Trial(f"{option.effect} in the place of {' + '.join(option.leaving)}", keys, start)
 
 
@@ -227,7 +244,8 @@ def evidence_of(
         option
         for name, keys in (groups.items() if rivals else ())
         for option in _best_of_each(_forecasts(search, known, current, groups, (name,)))
-        if search.size(option.keys) <= 2.0 * search.size(keys)
+        if option.effect not in groups
+        and search.size(option.keys) <= 2.0 * search.size(keys)
         and option.score <= score + 3.0 * margin[name]
     ]
     as_good: dict[str, list[str]] = {name: [] for name in groups}

@@ -17,7 +17,7 @@ from bulgefit.gap.exchange import (
     fits_without,
     without_superfluous,
 )
-from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of
+from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of, start_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
@@ -41,7 +41,8 @@ MOST_EFFECTS, MOST_THOROUGH = 4, 8
 #: An effect that takes less than this share of what is left beyond the noise, and leaves structure,
 #: is the last: more of them would only pile up on what none explains. A thorough search goes on.
 LEAST_SHARE = 0.1
-#: Refits in the later rounds, best first by the linear forecast.
+#: Refits in the later rounds, best first by the linear forecast; effects that start off their null,
+#: since they are of second order there, are tried beyond.
 LATER_REFITS = 5
 #: Steps that every candidate gets; the best are then fitted to the end (or so many steps), at most
 #: so many, if their score came within this share of the best one's gain.
@@ -122,6 +123,7 @@ def explain(
     usable = [e for e in effects if not e.never_separable]
     search = Search(data, usable, executor, say)
     current = baseline
+    search.remember(current)
     groups: Groups = {}
     start = remainder = structure(data, baseline)
     rounds: list[Round] = []
@@ -132,6 +134,7 @@ def explain(
         if found.taken is None:
             break
         current = settle(found.taken.fit)
+        search.remember(current)
         groups = _still_freed({**groups, found.taken.effect: found.taken.keys}, current)
         remainder = structure(data, current)
         gained = found.before - found.taken.held_out
@@ -193,7 +196,11 @@ def _round(search: Search, current: Regression, groups: Groups, most: int) -> Ro
             search.candidate(c.effect, c.keys, end) for c, end in zip(candidates, ends, strict=True)
         ]
 
-    chosen = forecasts[:LATER_REFITS] if groups else forecasts
+    chosen = [
+        forecast
+        for place, forecast in enumerate(forecasts)
+        if not groups or place < LATER_REFITS or _starts_off_null(search, forecast[2])
+    ]
     freed = [search.freed(current, effect, keys) for _, effect, keys in chosen]
     fits = spread(
         search.executor,
@@ -202,6 +209,9 @@ def _round(search: Search, current: Regression, groups: Groups, most: int) -> Ro
         [(keys, known.starts(keys, [k for k in keys if k not in current.keys])) for keys in freed],
         lambda index, _: search.say(_trial_name(groups, *chosen[index][1:])),
     )
+    for fit in fits:
+        if fit is not None and fit.chi_square < current.chi_square:
+            search.remember(fit)
     # by its forecast or by its first step, whichever promises more: both may err
     promised = sorted(
         (
@@ -225,6 +235,11 @@ def _round(search: Search, current: Regression, groups: Groups, most: int) -> Ro
         candidates[:1] = finished(candidates[:1])
         candidates.sort(key=lambda c: c.score)
     return _judged(search, before, candidates, current)
+
+
+def _starts_off_null(search: Search, keys: Sequence[str]) -> bool:
+    """Whether a linear forecast from the null says little of what keys can do."""
+    return any(start_of(k, search.data) != null_of(k, search.data) for k in columns_of(keys))
 
 
 def _trial_name(groups: Iterable[str], effect: str, keys: Sequence[str]) -> str:

@@ -59,8 +59,8 @@ class Prepared:
     discretisation: Floats
 
 
-def prepare(test: BulgeTest, law: str = "hencky") -> Prepared:
-    """Thin, clean and describe one test.
+def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
+    """Thin, clean and describe one test, whose frames so many threads will balance.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def prepare(test: BulgeTest, law: str = "hencky") -> Prepared:
     test = _thinned(test.select(frames=frames))
     (block,) = test.blocks
     noise = estimate_noise(test)
-    specimen = Specimen(test, refine=COARSE, law=law)
+    specimen = Specimen(test, refine=COARSE, law=law, threads=threads)
     used = np.isfinite(block.displacement)
     data = Data(specimen, noise.sigma, used, noise.inflation)
     return Prepared(data, noise, frames, rough_from, np.zeros(3))
@@ -171,7 +171,7 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     specimen = prepared.data.specimen
     specimen.correction = None
     coarse = specimen.observe(shapes).displacement
-    finer = Specimen(specimen.test, refine=FINE, law=specimen.law)
+    finer = Specimen(specimen.test, FINE, specimen.law, specimen.threads)
     fine = finer.predict(shapes.values).displacement
     ratio = (FINE / COARSE) ** 2
     specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)

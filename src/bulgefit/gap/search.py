@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import STEADY, Effect
 from bulgefit.gap.keys import effect_of, is_field
-from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.regress import MAX_ITERATIONS, Regression, regress
 from bulgefit.gap.universe import Universe, universe
 from bulgefit.model.specimen import Shapes
 from bulgefit.spread import spread
@@ -29,6 +29,9 @@ __all__ = [
 
 #: Effect id to its freed keys.
 Groups = dict[str, tuple[str, ...]]
+
+#: Values of a fit's parameters, and its shapes without derivatives.
+_End = tuple[Mapping[str, float], Sequence[Shapes]]
 
 #: Held-out improvement (sum of squares in noise units, correlation allowed for) that an effect
 #: must bring, and more for each of its parameters.
@@ -83,22 +86,40 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What all rounds share: tests, candidates, who refits side by side, and who is told."""
+    """What all rounds share: tests, candidates, who refits side by side, and who is told.
+
+    Where a fit of some keys ended is remembered: the next one of the same keys starts there.
+    """
 
     data: Sequence[Data]
     effects: Sequence[Effect]
     executor: Executor
     say: Callable[[str], None]
+    _ends: dict[frozenset[str], _End] = field(default_factory=dict)
 
-    def fits(self, near: Regression, trials: Sequence[Trial]) -> list[Regression | None]:
-        """Trials fitted to the end, beginning near another fit; None where nothing balances."""
-        return spread(
+    def fits(
+        self, near: Regression, trials: Sequence[Trial], steps: int = MAX_ITERATIONS
+    ) -> list[Regression | None]:
+        """Trials fitted to the end, or so many steps, beginning near another fit.
+
+        None where nothing balances.
+        """
+        found = spread(
             self.executor,
             _fit,
-            (self.data, [p.shapes for p in near.predictions]),
-            [(trial.keys, trial.start) for trial in trials],
+            (self.data, [p.shapes for p in near.predictions], steps),
+            [(t.keys, t.start, self._ends.get(frozenset(t.keys))) for t in trials],
             lambda index, _: self.say(trials[index].name),
         )
+        for fit in found:
+            if fit is not None:
+                self.remember(fit)
+        return found
+
+    def remember(self, fit: Regression) -> None:
+        """The next fit of these keys starts where this one ended."""
+        shapes = [replace(p.shapes, derivative={}) for p in fit.predictions]
+        self._ends[frozenset(fit.keys)] = fit.values, shapes
 
     def candidate(
         self, effect: str, keys: tuple[str, ...], fit: Regression, *, realised: bool = True
@@ -140,12 +161,17 @@ class Search:
 
 
 def _fit(
-    here: tuple[Sequence[Data], Sequence[Shapes]], item: tuple[Sequence[str], Mapping[str, float]]
+    here: tuple[Sequence[Data], Sequence[Shapes], int],
+    item: tuple[Sequence[str], Mapping[str, float], _End | None],
 ) -> Regression | None:
-    """Keys fitted from a start; with the data, and the shapes of a fit nearby."""
-    data, near = here
+    """Keys fitted from a start, or from where such a fit ended before.
+
+    With the data, the shapes of a fit near the start, and how many steps.
+    """
+    data, near, steps = here
+    keys, start, end = item
     try:
         with one_blas_thread():
-            return regress(data, *item, near)
+            return regress(data, keys, *(end or (start, near)), steps)
     except (SolveError, InputError):
         return None

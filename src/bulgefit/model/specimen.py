@@ -44,6 +44,7 @@ from bulgefit.model.places import (
 )
 from bulgefit.model.smooth import SmoothField, smooth_field
 from bulgefit.model.window import Window
+from bulgefit.threads import side_by_side
 
 __all__ = ["Prediction", "Shapes", "Specimen"]
 
@@ -115,11 +116,14 @@ class Specimen:
     refine : int
         Of the mesh.
     law : str
+    threads : int
+        Frames that are balanced side by side; the result does not depend on it.
     """
 
     test: BulgeTest
     refine: int = 4
     law: str = "hencky"
+    threads: int = 1
     correction: Floats | None = None
     _membrane: Membrane | None = field(default=None, repr=False)
     _window: Window | None = field(default=None, repr=False)
@@ -137,7 +141,7 @@ class Specimen:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # what comes from the test, or is as soon made as sent, is made again; the window is not
-        known = self.test, self.refine, self.law, self.correction
+        known = self.test, self.refine, self.law, self.threads, self.correction
         return Specimen, (*known, None, self._window)
 
     def nulls(self) -> dict[str, float]:
@@ -182,72 +186,60 @@ class Specimen:
         membrane = self.membrane(given)
         stiffness = _stiffness(given)
         pressure = np.maximum(balanced_pressure(self.recorded, self.time, given), 1e-6)
-        balances = self._balance(membrane, stiffness, pressure, given, near)
-        wanted = list(names)
-        forces = {name: _Difference(self, given, name) for name in wanted if name in MECHANICS}
-        derivative = {
-            name: np.zeros((len(pressure), *membrane.reference.shape))
-            for name in wanted
-            if name in MECHANICS or name in LOAD
-        }
+        guesses = self._guesses(membrane, stiffness, pressure, given, near)
+        names = list(names)
+        forces = {name: _Difference(self, given, name) for name in names if name in MECHANICS}
         load = {
             name: balanced_derivative(name, self.recorded, self.time, given)
-            for name in wanted
+            for name in names
             if name in LOAD
         }
-        for k, balance in enumerate(balances):
+
+        def balanced(frame: int) -> tuple[Floats, bool, Floats]:
+            """Shape, whether it is stable, and fields (columns, n, 3) by `forces` and pressure."""
+            balance = _solved(membrane, guesses[frame], pressure[frame], stiffness, given)
             columns = [d.force(balance) for d in forces.values()]
             columns += [-membrane.pressure_force(balance.displacement)] if load else []
             if not columns:
-                continue
+                return balance.displacement, balance.stable, np.empty((0, *guesses[0].shape))
             solved = balance.factor.solve(np.asfortranarray(-np.stack(columns, axis=1)))
             fields = membrane.spread(np.ascontiguousarray(solved.T))
-            for name, one in zip(forces, fields, strict=False):
-                derivative[name][k] = one
-            for name, slope in load.items():
-                derivative[name][k] = fields[-1] * slope[k]
-        return Shapes(
-            given,
-            pressure,
-            np.array([b.displacement for b in balances]),
-            derivative,
-            np.array([b.stable for b in balances]),
-        )
+            return balance.displacement, balance.stable, fields
 
-    def _balance(
+        shapes, stable, fields = zip(
+            *side_by_side(balanced, range(len(pressure)), self.threads), strict=True
+        )
+        derivative = {
+            name: np.array([field[place] for field in fields]) for place, name in enumerate(forces)
+        }
+        for name, slope in load.items():
+            by_pressure = np.array([field[-1] for field in fields])
+            derivative[name] = slope[:, None, None] * by_pressure
+        return Shapes(given, pressure, np.array(shapes), derivative, np.array(stable))
+
+    def _guesses(
         self,
         membrane: Membrane,
         stiffness: Floats,
         pressure: Floats,
         values: dict[str, float],
         near: Shapes | None,
-    ) -> list[Equilibrium]:
+    ) -> Floats:
+        """Displacements (frames, n, 3) near balance: from a neighbour, or from a rough path."""
         if near is not None:
-            guesses = near.displacement + sum(
+            return near.displacement + sum(
                 (
                     (values.get(name, 0.0) - near.values.get(name, 0.0)) * change
                     for name, change in near.derivative.items()
                 ),
                 np.zeros_like(near.displacement),
             )
-            return [
-                _solved(membrane, guess, p, stiffness, values)
-                for guess, p in zip(guesses, pressure, strict=True)
-            ]
         low, high = float(pressure.min()), float(pressure.max())
         path = trace(
             membrane, stiffness, (min(low, 0.5 * high), high), tolerance=0.05, parameters=values
         )
-        return [
-            _solved(
-                membrane,
-                path(min(max(p, path.pressure[0]), path.pressure[-1]))[0],
-                p,
-                stiffness,
-                values,
-            )
-            for p in pressure
-        ]
+        low, high = path.pressure[0], path.pressure[-1]
+        return np.array([path(min(max(p, low), high))[0] for p in pressure])
 
     def predict(
         self,
@@ -309,27 +301,27 @@ class Specimen:
             points = self._unit_points(values)
             plain = smooth_field(self.mesh.nodes, points)
             window = key[-1]
-            found = self._window_mean(points, window) if window > 0.0 else plain, plain
+            mean = self._window_of_mesh().mean(points, window) if window > 0.0 else plain
+            found = mean, plain
             if len(self._points) > 8:
                 self._points.clear()
             self._points[key] = found
         return found
 
-    def _window_mean(self, points: Floats, window: float) -> SmoothField:
+    def _window_of_mesh(self) -> Window:
         if self._window is None:
             self._window = Window(self.mesh.nodes, self.test.radius)
-        return self._window.mean(points, window)
+        return self._window
 
     def _window_derivative(self, shapes: Shapes, plain: SmoothField) -> Floats:
         """∂/∂(window²) of the averaged field, (frames, n, 3): by a difference in window²."""
         at = shapes.values.get("dic_smoothing.window", 0.0) ** 2
         points = self._unit_points(shapes.values)
-        high = self._window_mean(points, float(np.sqrt(at + 4.0)))
-        low = self._window_mean(points, float(np.sqrt(at - 4.0))) if at > 4.0 else plain
+        window = self._window_of_mesh()
+        high = window.value(points, float(np.sqrt(at + 4.0)))
+        low = window.value(points, float(np.sqrt(at - 4.0))) if at > 4.0 else plain.value
         span = 8.0 if at > 4.0 else at + 4.0
-        return (
-            _apply(high.value, shapes.displacement) - _apply(low.value, shapes.displacement)
-        ) / span
+        return (_apply(high, shapes.displacement) - _apply(low, shapes.displacement)) / span
 
     def _point_motion(self, name: str, values: Mapping[str, float]) -> Floats | None:
         """∂(points on the mesh)/∂(a parameter), (n, 2); None where they stay."""

@@ -9,6 +9,7 @@ points of any window: moving the points or the window costs a hundredth of new s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +21,9 @@ from bulgefit.model.smooth import SmoothField, smooth_field
 __all__ = ["Window"]
 
 Floats = NDArray[np.float64]
+
+#: Weights (places, 4) of values on the grid, and of slopes times its spacing.
+_Weights = tuple[Floats, Floats]
 
 #: Spacing of the grid over the mesh's radius, and how far the grid reaches beyond it.
 _SPACING, _REACH = 0.025, 1.08
@@ -65,6 +69,18 @@ class Window:
 
     def mean(self, points: Floats, window: float) -> SmoothField:
         """Operators of the mean over discs of radius `window` (mm) round points (m, 2) mm."""
+        sums, (x, by_x), (y, by_y) = self._sums(points, window)
+        return SmoothField(sums(x, y), sums(by_x / self._spacing, y), sums(x, by_y / self._spacing))
+
+    def value(self, points: Floats, window: float) -> sparse.csr_array:
+        """The operator of the mean's value alone."""
+        sums, (x, _), (y, _) = self._sums(points, window)
+        return sums(x, y)
+
+    def _sums(
+        self, points: Floats, window: float
+    ) -> tuple[Callable[[Floats, Floats], sparse.csr_array], _Weights, _Weights]:
+        """What makes an operator of weights along x and y at the windows' places; such weights."""
         beside = np.hypot(*points.T) + window > self.radius
         places, shares, owners = [], [], []
         for which, (offsets, share) in (
@@ -74,34 +90,22 @@ class Window:
             places.append((points[which][:, None] + offsets).reshape(-1, 2))
             shares.append(share.ravel())
             owners.append(np.repeat(which, offsets.shape[1]))
-        return self._means(
-            np.concatenate(places), np.concatenate(shares), np.concatenate(owners), len(points)
-        )
-
-    def _means(
-        self, spread: Floats, share: Floats, owner: NDArray[np.intp], count: int
-    ) -> SmoothField:
-        """Sums over owners of shares of the field at places (m, 2) mm."""
+        share, owner = np.concatenate(shares), np.concatenate(owners)
         size = 2 * self._half + 1
-        place = spread / self._spacing + self._half
+        place = np.concatenate(places) / self._spacing + self._half
         base = np.clip(np.floor(place).astype(np.intp) - 1, 0, size - 4)
-        (x, by_x), (y, by_y) = (_lagrange(place[..., k] - base[..., k]) for k in (0, 1))
         steps = np.arange(4)
         columns = (base[:, 0, None, None] + steps[:, None]) * size + base[:, 1, None, None] + steps
         rows = np.broadcast_to(owner[:, None, None], columns.shape)
 
-        def operator(along_x: Floats, along_y: Floats) -> sparse.csr_array:
+        def sums(along_x: Floats, along_y: Floats) -> sparse.csr_array:
             values = share[:, None, None] * along_x[:, :, None] * along_y[:, None, :]
             on_grid = sparse.csr_array(
-                (values.ravel(), (rows.ravel(), columns.ravel())), shape=(count, size**2)
+                (values.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), size**2)
             )
             return (on_grid @ self._grid).tocsr()
 
-        return SmoothField(
-            operator(x, y),
-            operator(by_x / self._spacing, y),
-            operator(x, by_y / self._spacing),
-        )
+        return sums, _lagrange(place[:, 0] - base[:, 0]), _lagrange(place[:, 1] - base[:, 1])
 
 
 def _whole(points: Floats, window: float) -> tuple[Floats, Floats]:
@@ -149,7 +153,7 @@ def _cut(points: Floats, window: float, radius: float) -> tuple[Floats, Floats]:
     return offsets, share / share.sum(axis=1, keepdims=True)
 
 
-def _lagrange(t: Floats) -> tuple[Floats, Floats]:
+def _lagrange(t: Floats) -> _Weights:
     """Weights (..., 4) of values at 0, 1, 2, 3 for the place t, and their derivatives."""
     a, b, c, d = t, t - 1.0, t - 2.0, t - 3.0
     weights = [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
