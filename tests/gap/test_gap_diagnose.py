@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import Diagnosis, diagnose
+from bulgefit.gap.diagnosis import Diagnosis, _warnings, diagnose
 from bulgefit.gap.noise import estimate_noise
 from bulgefit.model.specimen import Specimen
 from bulgefit.workers import open_executor
@@ -73,6 +74,30 @@ def test_the_gap_closes_to_the_noise_on_held_out_data(offset: Diagnosis) -> None
     assert gap["heldout"]["explained"]["e_w"] < 1.1 * gap["noise_floor"]["e_w"]
     assert gap["heldout"]["baseline"]["e_w"] > 2 * gap["noise_floor"]["e_w"]
     assert gap["heldout"]["baseline"]["e_w"] >= gap["baseline"]["e_w"]
+
+
+def test_what_is_left_of_the_meshs_error_is_known(offset: Diagnosis) -> None:
+    """Against meshes of half and third the cells: far below what was taken off, and as said."""
+    (prepared,), final = offset.prepared, offset.explanation.final
+    test = prepared.data.specimen.test
+    fine, finer = (Specimen(test, refine=n).predict(final.values).displacement for n in (8, 12))
+    limit = finer + (finer - fine) / ((12 / 8) ** 2 - 1)
+    miss = np.sqrt(((final.predictions[0].displacement - limit) ** 2).mean(axis=(0, 1)))
+    assert prepared.mesh_error is not None
+    ratio = prepared.mesh_error / miss
+    assert (ratio > 0.5).all()
+    assert (ratio < 3.0).all()
+    assert (prepared.mesh_error < 0.2 * prepared.discretisation).all()
+    assert offset.to_dict()["gap"]["discretisation_mm"] == prepared.mesh_error.max()
+    assert not offset.warnings
+
+
+def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:
+    (prepared,) = offset.prepared
+    (warning,) = _warnings([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
+    assert "could not be brought below a third of the noise" in warning
+    (warning,) = _warnings([replace(prepared, mesh_error=None)])
+    assert "could not be estimated" in warning
 
 
 def test_what_omission_does_to_the_moduli(offset: Diagnosis) -> None:

@@ -24,6 +24,7 @@ from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weigh
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
+    judge_mesh,
     prepare,
     renew_noise,
     settle,
@@ -123,7 +124,10 @@ class Diagnosis:
                     "explained": self.gaps["heldout_explained"],
                 },
                 "noise_floor": self.gaps["noise_floor"],
-                "discretisation_mm": float(max(p.discretisation.max() for p in self.prepared)),
+                "discretisation_mm": self._mesh_error(),
+                "discretisation_corrected_mm": float(
+                    max(p.discretisation.max() for p in self.prepared)
+                ),
             },
             "where": [_cell_dict(c) for c in start.cells if abs(c.significance) > 3.0][:40],
             "modes": [_mode_dict(m) for m in self.modes if m.growth != "within noise"],
@@ -169,6 +173,11 @@ class Diagnosis:
                 "seconds": self.seconds,
             },
         }
+
+    def _mesh_error(self) -> float | None:
+        """Largest component (mm) of what is left of the mesh's error; None where not known."""
+        found = [p.mesh_error for p in self.prepared if p.mesh_error is not None]
+        return float(np.max(found)) if len(found) == len(self.prepared) else None
 
 
 def diagnose(
@@ -240,6 +249,8 @@ def diagnose(
             thorough=thorough,
         )
         say("held-out gap")
+        for one, prediction in zip(prepared, found.final.predictions, strict=True):
+            judge_mesh(one, prediction.shapes)
         weight = weight_of(data)
         gaps = {
             "baseline": fitted_gap(data, baseline, weight),
@@ -370,8 +381,14 @@ def _warnings(prepared: Sequence[Prepared]) -> list[str]:
                 f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
                 "in bands there (soft shear), which no mesh-independent model follows"
             )
-        if p.data.specimen.correction is None:
+        if p.mesh_error is None:
             out.append(f"{name}: the mesh's error could not be estimated; small gaps may be its")
+        elif (p.mesh_error > p.noise.sigma / 3.0).any():
+            sizes = ", ".join(f"{1000 * e:.1f}" for e in p.mesh_error)
+            out.append(
+                f"{name}: the mesh's error could not be brought below a third of the noise; about "
+                f"{sizes} µm of dx, dy, dz are left of it, and small gaps may be its"
+            )
     return out
 
 

@@ -29,8 +29,9 @@ Floats = NDArray[np.float64]
 
 MOST_POINTS, MOST_FRAMES = 2000, 24
 LEAST_POINTS, LEAST_FRAMES = 60, 5
-#: Mesh of the diagnosis, and the finer one that its error is taken from.
-COARSE, FINE = 4, 6
+#: Mesh of the diagnosis, and the finer one that its error is taken from; with a third, coarser one,
+#: what is left of that error is judged.
+COARSE, FINE, COARSEST = 4, 6, 3
 #: Roughness of a frame over that of the light ones above which the fabric has localised.
 ROUGH = 2.5
 
@@ -50,6 +51,8 @@ class Prepared:
         no smooth model follows.
     discretisation : (3,) array, mm
         Root mean square of the mesh's error that was corrected.
+    mesh_error : (3,) array, mm, or None
+        Root mean square of what the correction leaves of it; None where it could not be found.
     """
 
     data: Data
@@ -57,6 +60,7 @@ class Prepared:
     frames: NDArray[np.intp]
     rough_from: float | None
     discretisation: Floats
+    mesh_error: Floats | None = None
 
 
 def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
@@ -176,6 +180,29 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     ratio = (FINE / COARSE) ** 2
     specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)
     prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
+
+
+def judge_mesh(prepared: Prepared, shapes: Shapes) -> None:
+    """How far the corrected model still is from a mesh without end.
+
+    Richardson's extrapolation from cells of sizes h and k leaves an error in h²k², so that of the
+    rougher pair over that of the finer one is (FINE/COARSEST)².
+    """
+    specimen = prepared.data.specimen
+    prepared.mesh_error = None
+    if specimen.correction is None:
+        return
+    found = specimen.observe(shapes).displacement
+    coarse = found - specimen.correction
+    try:
+        rough = Specimen(specimen.test, COARSEST, specimen.law, specimen.threads)
+        fall = coarse - rough.predict(shapes.values).displacement
+    except SolveError:
+        return
+    ratio = (COARSE / COARSEST) ** 2
+    other = coarse + fall / (ratio - 1.0)
+    left = (other - found) / ((FINE / COARSEST) ** 2 - 1.0)
+    prepared.mesh_error = np.sqrt((left**2).mean(axis=(0, 1)))
 
 
 def renew(prepared: Prepared, fit: Regression, index: int) -> None:

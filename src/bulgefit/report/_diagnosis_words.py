@@ -404,12 +404,12 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
             f"{name}: noise of dx, dy, dz is {sizes} µm (from {noise.source}), correlated over "
             f"{noise.correlation_length:.1f} mm: {noise.inflation:.3g} points count as one."
         )
-        limit = noise.sigma / 3.0
-        if p.data.specimen.correction is not None:
+        if p.mesh_error is not None:
             sizes = ", ".join(f"{1000 * s:.1f}" for s in p.discretisation)
+            left = ", ".join(f"{1000 * s:.1f}" for s in p.mesh_error)
             items.append(
                 f"{name}: the mesh's error, {sizes} µm, was taken off by Richardson's "
-                f"extrapolation{'' if (p.discretisation > limit).any() else '; it was small'}."
+                f"extrapolation; about {left} µm are left."
             )
     if any("stiffness" in pair.effects for pair in diagnosis.pairs):
         items.append(
