@@ -33,6 +33,18 @@ def test_a_knee_is_found_beyond_the_linear_step(
     assert fit.chi_square < 1.05 * fit.normal.count
 
 
+@pytest.mark.parametrize(("slip", "held"), [(0.02, True), (0.0, False)])
+def test_a_shear_modulus_held_by_stability_is_told(
+    made_by_the_model: Callable[..., Data], slip: float, held: bool
+) -> None:
+    """The moduli of a fabric that slips: a softer shear would fit better, and lose stability."""
+    truth = {**MATERIAL, "G12": 16.0, "clamp_slip.compliance": slip}
+    data = [made_by_the_model(truth, spacing=12.0, frames=10, seed=3)]
+    fit = regress(data, MODULI, MATERIAL)
+    assert fit.held is held
+    assert (fit.values["G12"] < 11.0) == held
+
+
 def test_a_start_stays_where_only_one_side_is_plausible(
     made_by_the_model: Callable[..., Data],
 ) -> None:

@@ -211,6 +211,19 @@ def test_words_of_every_verdict(found):
         assert "edge of what is plausible" in " ".join(text.split())
 
 
+def test_a_shear_modulus_that_was_held_is_a_limit(found):
+    """Softer, frames would lose stability: neither its error nor its bias are what is said."""
+    (cause,) = found.causes
+    biased = replace(cause, bias_if_omitted={"E1": 0.1, "E2": 0.0, "G12": -0.4}, bias_held=True)
+    base = replace(found.explanation.baseline, held=True)
+    explanation = replace(found.explanation, baseline=base)
+    text = " ".join(report_text(replace(found, causes=[biased], explanation=explanation)).split())
+    assert "E1 comes out 10 % too high and G12 comes out at least 40 % too low" in text
+    assert f"G12 {base.values['G12']:.3g} at most" in text
+    free = replace(biased, bias_held=False)
+    assert "G12 comes out 40 % too low" in report_text(replace(found, causes=[free]))
+
+
 def test_hints_are_of_effects_that_exist():
     from bulgefit.gap.effects import CATALOGUE
 

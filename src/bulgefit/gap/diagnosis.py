@@ -60,6 +60,9 @@ class Cause:
         Part of the held-out misfit without it that it takes away.
     bias_if_omitted : dict
         Relative error of each modulus when the effect is left out and all else refitted.
+    bias_held : bool
+        That of G12 is larger still: without the effect the fit asks for a softer one, by which
+        frames would lose stability.
     partial : bool
         True where the effects found do not explain the gap; `doubt.Doubt` says why.
     """
@@ -71,6 +74,7 @@ class Cause:
     share_of_gap: float
     heldout_reduction: float
     bias_if_omitted: dict[str, float]
+    bias_held: bool
     partial: bool
 
 
@@ -282,7 +286,7 @@ def diagnose(
         seed=seed,
         seconds=time.perf_counter() - began,
         holdout=met,
-        warnings=_warnings(prepared),
+        warnings=[*_warnings(prepared), *_held(found)],
     )
 
 
@@ -354,6 +358,7 @@ def _cause(
         bias_if_omitted={
             m: evidence.without.values[m] / found.final.values[m] - 1.0 for m in MODULI
         },
+        bias_held=evidence.without.held,
         partial=found.partial,
     )
 
@@ -392,10 +397,26 @@ def _warnings(prepared: Sequence[Prepared]) -> list[str]:
     return out
 
 
+def _held(found: Explanation) -> list[str]:
+    """Which of the reported fits ask for a softer shear than the fabric can have."""
+    fits = {"the moduli alone": found.baseline, "the causes": found.final}
+    return [
+        f"with {name}, G12 is an upper limit: the fit asks for a softer one, by which the fabric "
+        "would lose its stability; its standard error says nothing"
+        for name, fit in fits.items()
+        if fit.held
+    ]
+
+
 def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
     errors = fit.standard_errors()
     return {
-        m: {"value": float(fit.values[m]), "stderr": float(errors[m]), "unit": "MPa"}
+        m: {
+            "value": float(fit.values[m]),
+            "stderr": float(errors[m]),
+            "unit": "MPa",
+            "held": fit.held and m == "G12",
+        }
         for m in MODULI
     }
 
@@ -409,6 +430,7 @@ def _cause_dict(cause: Cause) -> dict[str, Any]:
         "share_of_gap": cause.share_of_gap,
         "heldout_reduction": cause.heldout_reduction,
         "bias_if_omitted": cause.bias_if_omitted,
+        "bias_held": cause.bias_held,
         "partial": cause.partial,
         "meaning": CATALOGUE[cause.effect].meaning,
     }

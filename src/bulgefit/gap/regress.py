@@ -57,6 +57,8 @@ class Regression:
         Where an offset of every point is freed (mm).
     inflation : float
     converged : bool
+    held : bool
+        G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
     """
 
     keys: tuple[str, ...]
@@ -66,6 +68,7 @@ class Regression:
     offsets: list[Floats | None]
     inflation: float
     converged: bool
+    held: bool = False
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -162,6 +165,7 @@ def regress(
         offsets,
         float(np.mean([d.inflation for d in data])),
         converged,
+        _is_held(columns, here.values, bounds),
     )
 
 
@@ -237,6 +241,14 @@ def _hold_shear(bounds: Floats, keys: Sequence[str], values: Mapping[str, float]
     """Let G12 fall no further: soft shear is what stability is lost by."""
     if "G12" in keys:
         bounds[keys.index("G12"), 0] = values["G12"]
+
+
+def _is_held(keys: Sequence[str], values: Mapping[str, float], bounds: Floats) -> bool:
+    """Whether G12 ended where it was held."""
+    if "G12" not in keys:
+        return False
+    lowest = bounds[keys.index("G12"), 0]
+    return bool(lowest > bounds_of("G12")[0] and values["G12"] <= lowest * (1.0 + 1e-9))
 
 
 def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> bool:

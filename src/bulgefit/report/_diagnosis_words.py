@@ -245,7 +245,8 @@ def _evidence(cause: Cause) -> str:
         else "On data that was not fitted the others would do as well without it."
     ]
     biased = [
-        f"{m} comes out {_percent(abs(b))} too {'high' if b > 0 else 'low'}"
+        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause.bias_held else ''}"
+        f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
         for m, b in cause.bias_if_omitted.items()
         if abs(b) >= 0.005
     ]
@@ -285,15 +286,13 @@ def _gaps(diagnosis: Diagnosis) -> list[tuple[str, dict[str, float]]]:
 
 def _moduli(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     found = diagnosis.explanation
-    alone, final = found.baseline.standard_errors(), found.final.standard_errors()
-    return [
-        (
-            m,
-            value_text(found.baseline.values[m], alone[m]),
-            value_text(found.final.values[m], final[m]),
-        )
-        for m in MODULI
-    ]
+    texts = []
+    for fit in (found.baseline, found.final):
+        errors = fit.standard_errors()
+        texts.append([value_text(fit.values[m], errors[m]) for m in MODULI])
+        if fit.held:
+            texts[-1][MODULI.index("G12")] = f"{fit.values['G12']:.3g} at most"
+    return list(zip(MODULI, *texts, strict=True))
 
 
 def _shrinkage(diagnosis: Diagnosis) -> str:
