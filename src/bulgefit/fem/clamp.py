@@ -70,9 +70,7 @@ class Clamp:
 
 def _rim_lengths(mesh: Mesh, positions: Floats) -> Floats:
     """Half of each rim node's two edges, mm."""
-    edges = np.stack([mesh.cells, np.roll(mesh.cells, -1, axis=1)], axis=2).reshape(-1, 2)
-    unique, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
-    outer = unique[count == 1]
+    outer = mesh.rim_edges
     length = np.linalg.norm(positions[outer[:, 0]] - positions[outer[:, 1]], axis=1)
     total = np.zeros(len(positions))
     np.add.at(total, outer.ravel(), np.repeat(0.5 * length, 2))

@@ -6,6 +6,9 @@ time. Points that are not so plain are told apart, and left to `relaxation.respo
 
 With z = s/m², atanh(√z)/√z =: φ(z) obeys φ + 2 z φ' = 1/(1 - z), and so g and ∂g/∂s follow
 from a series of φ'' alone without cancellation (m, s and g as in `laws`).
+
+Bends of the stress are added where there are any: W, S and CC are linear in the potential and its
+derivatives by strain.
 """
 
 from __future__ import annotations
@@ -26,6 +29,11 @@ __all__ = ["LANES", "respond_in_lanes", "stiffness_in_lanes"]
 #: Points that are taken together: arrays have them last, and the innermost loops run over them.
 #: With fewer of them LLVM unrolls these loops instead.
 LANES = 16
+
+#: A bend's arctangent and logarithm: halvings by roots, after which so many terms leave 1e-17 for
+#: strains of up to 200 times the knee.
+_HALVED, _LOG_HALVED, _BEND_TERMS = 3, 5, 12
+_TURNS, _LOGS = 2.0**_HALVED, 2.0 ** (_LOG_HALVED + 1)
 
 #: Series are used up to this square of their argument, where as many terms leave 1e-16: areas
 #: that are stretched 1.9 times, and stretches of the ratio 1.4.
@@ -53,6 +61,71 @@ def _log_terms(m, s):
     phi_1 = (whole * whole - 2.0 * z * phi_2) / 3.0
     phi = whole - 2.0 * z * phi_1
     return 2.0 * u * log, phi / m, phi_1 / (m * m * m), phi_2 / (m * m * m * m * m)
+
+
+@merged
+def _bend(e, knee):
+    """`laws._knee` without calls.
+
+    atan x = 2 atan(x/(1 + √(1 + x²))) and ln(1 + y) = 2 ln(1 + y/(1 + √(1 + y))).
+    """
+    x = e / knee
+    t, y = x, x * x
+    for _ in range(_HALVED):
+        t = t / (1.0 + math.sqrt(1.0 + t * t))
+    for _ in range(_LOG_HALVED):
+        y = y / (1.0 + math.sqrt(1.0 + y))
+    u = y / (2.0 + y)
+    turned, log = 0.0, 0.0
+    for n in range(_BEND_TERMS - 1, -1, -1):
+        turned = 1.0 / (2.0 * n + 1.0) - turned * (t * t)
+        log = log * (u * u) + 1.0 / (2.0 * n + 1.0)
+    turned, log = _TURNS * t * turned, _LOGS * u * log
+    return (
+        knee * knee * (0.5 * x * x - x * turned + 0.5 * log),
+        knee * (x - turned),
+        x * x / (1.0 + x * x),
+    )
+
+
+@merged
+def _bent_potential(e1, e2, q):
+    """What the bends add to `straight_potential`."""
+    psi_1, bent_1, slope_1 = _bend(max(e1 - q[4], 0.0), q[10])
+    psi_2, bent_2, slope_2 = _bend(max(e2 - q[5], 0.0), q[11])
+    psi = q[8] * psi_1 + q[9] * psi_2
+    return psi, q[8] * bent_1, q[9] * bent_2, 0.0, q[8] * slope_1, q[9] * slope_2, 0.0, 0.0
+
+
+@inlined
+def _add_bends(strain, weight, q, law, at):
+    """What the bends add to W, S and CC, times a weight."""
+    if law == 1:
+        for c in range(LANES):
+            e1, e2 = 0.5 * (strain[0, c] - 1.0), 0.5 * (strain[1, c] - 1.0)
+            found = _bent_potential(e1, e2, q)
+            at[0, c] += weight[c] * found[0]
+            at[1, c] += weight[c] * found[1]
+            at[2, c] += weight[c] * found[2]
+            at[4, c] += weight[c] * found[4]
+            at[5, c] += weight[c] * found[5]
+    else:
+        for c in range(LANES):
+            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
+            k, w = strain[2, c], weight[c]
+            area, g, g_s, g_ss = _log_terms(m, h * h + k * k)
+            e1, e2 = 0.5 * (area + g * h), 0.5 * (area - g * h)
+            found = pull_back(m, h, k, g, g_s, g_ss, _bent_potential(e1, e2, q))
+            at[0, c] += w * found[0]
+            at[1, c] += w * found[1]
+            at[2, c] += w * found[2]
+            at[3, c] += w * found[3]
+            at[4, c] += w * found[4]
+            at[5, c] += w * found[5]
+            at[6, c] += w * found[6]
+            at[7, c] += w * found[7]
+            at[8, c] += w * found[8]
+            at[9, c] += w * found[9]
 
 
 @inlined
@@ -91,6 +164,8 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
             at[3, c], at[4, c], at[5, c] = w * found[3], w * found[4], w * found[5]
             at[6, c], at[7, c], at[8, c] = w * found[6], w * found[7], w * found[8]
             at[9, c] = w * found[9]
+    if q[8] != 0.0 or q[9] != 0.0:
+        _add_bends(strain, weight, q, law, at)
     _find_plain(strain, at[1:4], weight, q, relax, natural, plain)
 
 
@@ -104,7 +179,7 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
         Overwritten.
     stress : (3, LANES) array
         Overwritten with S times the weight, as far as it is due to D. Positive gains only add
-        tension, the logarithm being operator monotone; with others no point is plain.
+        tension, the logarithm being operator monotone; with others, or bends, no point is plain.
     """
     if law == 1:
         for c in range(LANES):
@@ -131,14 +206,13 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
                 + q[2] * found[2, i, c] + q[3] * found[3, i, c]
             )  # fmt: skip
     _find_plain(strain, stress, weight, q, relax, natural, plain)
-    if q[6] < 0.0 or q[7] < 0.0:
+    if q[6] < 0.0 or q[7] < 0.0 or q[8] != 0.0 or q[9] != 0.0:
         plain[:] = 0.0
 
 
 @inlined
 def _find_plain(strain, stress, weight, q, relax, natural, plain):
-    """Tell the points that are taut, near the natural state, and free of bends."""
-    curved = q[8] != 0.0 or q[9] != 0.0
+    """Tell the points that are taut and near the natural state."""
     for c in range(LANES):
         c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]
         m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
@@ -147,4 +221,4 @@ def _find_plain(strain, stress, weight, q, relax, natural, plain):
         near = (c11 > 0.0) & (m * m > s) & (s < _NEAR * m * m) & (u * u < _NEAR)
         loose = is_slack(c11, c22, c12, natural)
         loose |= is_compressed(stress[0, c], stress[1, c], stress[2, c], weight[c] * (q[0] + q[1]))
-        plain[c] = 1.0 if near & (not (relax & loose)) & (not curved) else 0.0
+        plain[c] = 1.0 if near & (not (relax & loose)) else 0.0

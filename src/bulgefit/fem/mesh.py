@@ -64,11 +64,16 @@ class Mesh:
         return cls(points, quads)
 
     @cached_property
-    def rim(self) -> NDArray[np.int64]:
-        """Nodes on edges that belong to one cell only."""
+    def rim_edges(self) -> NDArray[np.int64]:
+        """Nodes (edges, 2) of the edges that belong to one cell only."""
         edges = np.sort(np.stack([self.cells, np.roll(self.cells, -1, axis=1)], axis=2), axis=2)
         unique, count = np.unique(edges.reshape(-1, 2), axis=0, return_counts=True)
-        return np.unique(unique[count == 1])
+        return unique[count == 1]
+
+    @cached_property
+    def rim(self) -> NDArray[np.int64]:
+        """Nodes on the rim's edges."""
+        return np.unique(self.rim_edges)
 
     @property
     def apex(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,14 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.model.smooth import smooth_field
 from bulgefit.model.specimen import Shapes, Specimen
 
 __all__ = [
     "Prepared",
     "correct_discretisation",
     "drop_outliers",
+    "judge_mesh",
     "prepare",
     "renew",
     "renew_noise",
@@ -175,11 +177,23 @@ def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
     specimen = prepared.data.specimen
     specimen.correction = None
     coarse = specimen.observe(shapes).displacement
-    finer = Specimen(specimen.test, FINE, specimen.law, specimen.threads)
-    fine = finer.predict(shapes.values).displacement
+    fine = _on_mesh(specimen, FINE, shapes)
     ratio = (FINE / COARSE) ** 2
     specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)
     prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
+
+
+def _on_mesh(specimen: Specimen, refine: int, shapes: Shapes) -> Floats:
+    """What another mesh has for the same specimen; its search starts from these shapes."""
+    other = Specimen(specimen.test, refine, specimen.law, specimen.threads)
+    between = smooth_field(specimen.mesh.nodes, other.mesh.nodes).value
+    guess = np.stack([between @ one for one in shapes.displacement])
+    guess[:, other.membrane(shapes.values).fixed] = 0.0
+    try:
+        near = replace(shapes, displacement=guess, derivative={})
+        return other.predict(shapes.values, near=near).displacement
+    except SolveError:
+        return other.predict(shapes.values).displacement
 
 
 def judge_mesh(prepared: Prepared, shapes: Shapes) -> None:
@@ -195,8 +209,7 @@ def judge_mesh(prepared: Prepared, shapes: Shapes) -> None:
     found = specimen.observe(shapes).displacement
     coarse = found - specimen.correction
     try:
-        rough = Specimen(specimen.test, COARSEST, specimen.law, specimen.threads)
-        fall = coarse - rough.predict(shapes.values).displacement
+        fall = coarse - _on_mesh(specimen, COARSEST, shapes)
     except SolveError:
         return
     ratio = (COARSE / COARSEST) ** 2

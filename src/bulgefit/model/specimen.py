@@ -50,6 +50,9 @@ __all__ = ["Prediction", "Shapes", "Specimen"]
 
 Floats = NDArray[np.float64]
 
+#: What D is made of, in order.
+CONSTANTS = ("E1", "E2", "G12", "poisson_ratio.nu12")
+
 #: Differences of the out-of-balance force by a parameter: half the step.
 _STEPS = {
     "E1": 1e-2,
@@ -188,7 +191,7 @@ class Specimen:
         pressure = np.maximum(balanced_pressure(self.recorded, self.time, given), 1e-6)
         guesses = self._guesses(membrane, stiffness, pressure, given, near)
         names = list(names)
-        forces = {name: _Difference(self, given, name) for name in names if name in MECHANICS}
+        forces = _Forces(self, given, [name for name in names if name in MECHANICS])
         load = {
             name: balanced_derivative(name, self.recorded, self.time, given)
             for name in names
@@ -198,7 +201,7 @@ class Specimen:
         def balanced(frame: int) -> tuple[Floats, bool, Floats]:
             """Shape, whether it is stable, and fields (columns, n, 3) by `forces` and pressure."""
             balance = _solved(membrane, guesses[frame], pressure[frame], stiffness, given)
-            columns = [d.force(balance) for d in forces.values()]
+            columns = forces.at(balance)
             columns += [-membrane.pressure_force(balance.displacement)] if load else []
             if not columns:
                 return balance.displacement, balance.stable, np.empty((0, *guesses[0].shape))
@@ -210,7 +213,8 @@ class Specimen:
             *side_by_side(balanced, range(len(pressure)), self.threads), strict=True
         )
         derivative = {
-            name: np.array([field[place] for field in fields]) for place, name in enumerate(forces)
+            name: np.array([field[place] for field in fields])
+            for place, name in enumerate(forces.names)
         }
         for name, slope in load.items():
             by_pressure = np.array([field[-1] for field in fields])
@@ -342,21 +346,34 @@ class Specimen:
         return None
 
 
+class _Forces:
+    """∂R/∂(mechanical parameters) at fixed displacement."""
+
+    def __init__(self, specimen: Specimen, values: dict[str, float], names: list[str]) -> None:
+        self.names = names
+        self._membrane, self._stiffness = specimen.membrane(values), _stiffness(values)
+        self._linear, self._differences = dict[str, Floats](), dict[str, _Difference]()
+        by_constants = orthotropic_stiffness_derivative(*_constants(values))
+        for name in names:
+            if name in CONSTANTS and not _is_curved(values):
+                self._linear[name] = by_constants[:, CONSTANTS.index(name)]
+            else:
+                self._differences[name] = _Difference(specimen, values, name)
+
+    def at(self, balance: Equilibrium) -> list[Floats]:
+        """(N,) arrays at a balance, one for each name."""
+        found = {name: one.force(balance) for name, one in self._differences.items()}
+        if self._linear:  # stress is linear in D: exact
+            columns = self._membrane.stiffness_force(balance.displacement, self._stiffness)
+            found |= {name: weights @ columns for name, weights in self._linear.items()}
+        return [found[name] for name in self.names]
+
+
 class _Difference:
     """∂R/∂(a mechanical parameter) at fixed displacement, by two assemblies."""
 
     def __init__(self, specimen: Specimen, values: dict[str, float], name: str) -> None:
         self._scale = 1.0
-        if name in ("E1", "E2", "G12", "poisson_ratio.nu12") and not _is_curved(values):
-            # linear in D: exact columns
-            index = ("E1", "E2", "G12", "poisson_ratio.nu12").index(name)
-            self._direct: Floats | None = orthotropic_stiffness_derivative(*_constants(values))[
-                :, index
-            ]
-            self._membranes: tuple[Membrane, ...] = (specimen.membrane(values),)
-            self._stiffness: tuple[Floats, ...] = (_stiffness(values),)
-            return
-        self._direct = None
         step = _STEPS.get(name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP)
         here = values.get(name, 0.0)
         low, high = here - step, here + step
@@ -375,9 +392,6 @@ class _Difference:
 
     def force(self, balance: Equilibrium) -> Floats:
         """(N,) array at the balance."""
-        if self._direct is not None:
-            columns = self._membranes[0].stiffness_force(balance.displacement, self._stiffness[0])
-            return self._direct @ columns
         low, high = (
             m.state(balance.displacement, balance.pressure, q, tangent=False).residual
             for m, q in zip(self._membranes, self._stiffness, strict=True)
@@ -408,7 +422,8 @@ def _is_curved(values: Mapping[str, float]) -> bool:
 
 
 def _constants(values: Mapping[str, float]) -> tuple[float, float, float, float]:
-    return values["E1"], values["E2"], values["G12"], values["poisson_ratio.nu12"]
+    e1, e2, g12, nu12 = (values[name] for name in CONSTANTS)
+    return e1, e2, g12, nu12
 
 
 def _stiffness(values: Mapping[str, float]) -> Floats:
