@@ -19,7 +19,15 @@ from numba import njit
 __all__ = ["compiled", "inlined", "merged"]
 
 #: What goes into compiled functions of other files.
-_SHARED = ("jit.py", "geometry.py", "laws.py", "relaxation.py", "lanes.py", "kernels.py")
+_SHARED = (
+    "jit.py",
+    "geometry.py",
+    "laws.py",
+    "relaxation.py",
+    "lanes.py",
+    "cells.py",
+    "kernels.py",
+)
 
 _SOURCES = hashlib.sha256(
     b"".join((Path(__file__).parent / name).read_bytes() for name in _SHARED)

@@ -24,7 +24,14 @@ from bulgefit.fem.laws import (
 )
 from bulgefit.fem.relaxation import is_compressed, is_slack
 
-__all__ = ["LANES", "respond_in_lanes", "stiffness_in_lanes"]
+__all__ = [
+    "LANES",
+    "find_plain",
+    "measure_in_lanes",
+    "respond_in_lanes",
+    "stiffness_in_lanes",
+    "stress_in_lanes",
+]
 
 #: Points that are taken together: arrays have them last, and the innermost loops run over them.
 #: With fewer of them LLVM unrolls these loops instead.
@@ -166,7 +173,7 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
             at[9, c] = w * found[9]
     if q[8] != 0.0 or q[9] != 0.0:
         _add_bends(strain, weight, q, law, at)
-    _find_plain(strain, at[1:4], weight, q, relax, natural, plain)
+    find_plain(strain, at[1:4], weight, q, relax, natural, plain)
 
 
 @inlined
@@ -205,13 +212,50 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
                 q[0] * found[0, i, c] + q[1] * found[1, i, c]
                 + q[2] * found[2, i, c] + q[3] * found[3, i, c]
             )  # fmt: skip
-    _find_plain(strain, stress, weight, q, relax, natural, plain)
+    find_plain(strain, stress, weight, q, relax, natural, plain)
     if q[6] < 0.0 or q[7] < 0.0 or q[8] != 0.0 or q[9] != 0.0:
         plain[:] = 0.0
 
 
 @inlined
-def _find_plain(strain, stress, weight, q, relax, natural, plain):
+def measure_in_lanes(strain, law, measure):
+    """Strain in the law's measure and its derivatives, as `laws` has them, into (12, LANES)."""
+    for c in range(LANES):
+        if law == 1:
+            e1, e2, e3 = 0.5 * (strain[0, c] - 1.0), 0.5 * (strain[1, c] - 1.0), strain[2, c]
+            found = e1, e2, e3, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+        else:
+            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
+            k = strain[2, c]
+            area, g, g_s, _ = _log_terms(m, h * h + k * k)
+            found = log_strain(m, h, k, area, g, g_s)
+        measure[0, c], measure[1, c], measure[2, c] = found[0], found[1], found[2]
+        measure[3, c], measure[4, c], measure[5, c] = found[3], found[4], found[5]
+        measure[6, c], measure[7, c], measure[8, c] = found[6], found[7], found[8]
+        measure[9, c], measure[10, c], measure[11, c] = found[9], found[10], found[11]
+
+
+@inlined
+def stress_in_lanes(measure, weight, q, stress):
+    """S (3) times a weight, of taut points whose strain is known, into (3, LANES)."""
+    bent = q[8] != 0.0 or q[9] != 0.0
+    for c in range(LANES):
+        _, t1, t2, t3, _, _, _, _ = straight_potential(
+            measure[0, c], measure[1, c], measure[2, c], q
+        )
+        t1, t2, t3 = weight[c] * t1, weight[c] * t2, weight[c] * t3
+        for i in range(3):
+            stress[i, c] = t1 * measure[3 + i, c] + t2 * measure[6 + i, c] + t3 * measure[9 + i, c]
+    if bent:
+        for c in range(LANES):
+            _, t1, t2, _, _, _, _, _ = _bent_potential(measure[0, c], measure[1, c], q)
+            t1, t2 = weight[c] * t1, weight[c] * t2
+            for i in range(3):
+                stress[i, c] += t1 * measure[3 + i, c] + t2 * measure[6 + i, c]
+
+
+@inlined
+def find_plain(strain, stress, weight, q, relax, natural, plain):
     """Tell the points that are taut and near the natural state."""
     for c in range(LANES):
         c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]

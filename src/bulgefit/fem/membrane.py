@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from bulgefit.errors import InputError
 from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.geometry import ReferenceSurface
-from bulgefit.fem.kernels import assemble, assemble_pressure, assemble_sensitivity
+from bulgefit.fem.kernels import (
+    assemble,
+    assemble_law_changes,
+    assemble_pressure,
+    assemble_sensitivity,
+)
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
@@ -79,6 +84,11 @@ class Fabric:
     bend: tuple[float, float] = (0.0, 0.0)
     knee: tuple[float, float] = (0.01, 0.01)
     compliance: float | None = None
+
+    def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
+        """What the kernels call q: twelve numbers."""
+        own = *self.slack, *self.gain, *self.bend, *self.knee
+        return tuple(float(v) for v in (*stiffness, *own))
 
 
 class Membrane:
@@ -256,10 +266,20 @@ class Membrane:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")
         return self.gather(out)
 
+    def law_changes(self, displacement: Floats, before: Floats, after: Floats) -> Floats:
+        """Changes of R with the law's parameters (k, 12), at fixed displacement: (k, N) N."""
+        out = np.empty((len(before), *self.reference.shape))
+        ok = assemble_law_changes(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            before, after, LAWS[self.law], self.relaxation, out,
+        )  # fmt: skip
+        if not ok:
+            raise ArithmeticError("sensitivity asked for at a collapsed shape")
+        return self.gather(out)
+
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q: twelve numbers."""
-        f = self.fabric
-        return tuple(float(v) for v in (*stiffness, *f.slack, *f.gain, *f.bend, *f.knee))
+        return self.fabric.law_parameters(stiffness)
 
     def factorise(self, state: State, shift: float = 0.0) -> Factor:
         """Factor of the state's tangent; raises NotPositiveDefiniteError."""

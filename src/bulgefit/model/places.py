@@ -8,6 +8,7 @@ load in `applied_pressure` and `balanced_pressure`, camera in `bulgefit.model.ca
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,10 @@ from bulgefit.fem.membrane import Fabric
 from bulgefit.fem.mesh import Mesh
 
 __all__ = [
+    "CONSTANTS",
     "FOLD_ORDERS",
     "KNEE",
+    "LAW",
     "LOAD",
     "MECHANICS",
     "applied_derivative",
@@ -27,6 +30,7 @@ __all__ = [
     "balanced_derivative",
     "balanced_pressure",
     "fabric_of",
+    "law_of",
     "reference_surface",
 ]
 
@@ -48,25 +52,30 @@ SHAPE_NAMES = (
     *(f"initial_shape.{kind}{order}" for order in FOLD_ORDERS for kind in "cs"),
 )
 
-#: Parameters that change the balanced shapes at a given true pressure.
-MECHANICS = (
-    "E1",
-    "E2",
-    "G12",
-    "poisson_ratio.nu12",
-    *SHAPE_NAMES,
-    "clamp_shape.ellipticity",
-    "clamp_shape.radius_error",
+#: What the stiffness matrix is made of.
+CONSTANTS = ("E1", "E2", "G12", "poisson_ratio.nu12")
+
+#: Parameters of the law: how they change a shape's forces follows from its strains alone.
+LAW = (
+    *CONSTANTS,
     "prestrain.slack_x",
     "prestrain.slack_y",
-    "clamp_slip.compliance",
-    "axis_misalignment.angle",
     "nonlinear_material.k_x",
     "nonlinear_material.k_y",
     "nonlinear_material.s_x",
     "nonlinear_material.s_y",
     "nonlinear_material.knee_x",
     "nonlinear_material.knee_y",
+)
+
+#: Parameters that change the balanced shapes at a given true pressure.
+MECHANICS = (
+    *LAW,
+    *SHAPE_NAMES,
+    "clamp_shape.ellipticity",
+    "clamp_shape.radius_error",
+    "clamp_slip.compliance",
+    "axis_misalignment.angle",
     "stiffness_gradient.g_x",
     "stiffness_gradient.g_y",
 )
@@ -115,9 +124,17 @@ def fabric_of(mesh: Mesh, radius: float, values: Mapping[str, float]) -> Fabric:
         [values.get("stiffness_gradient.g_x", 0.0), values.get("stiffness_gradient.g_y", 0.0)]
     )
     points = np.einsum("ga,max->mgx", SHAPE, mesh.nodes[mesh.cells]) / radius
-    return Fabric(
+    return replace(
+        law_of(values),
         surface=reference_surface(mesh, radius, values),
         thickness=1.0 + points @ slope,
+        compliance=max(values.get("clamp_slip.compliance", 0.0), LEAST_COMPLIANCE),
+    )
+
+
+def law_of(values: Mapping[str, float]) -> Fabric:
+    """A flat, even specimen with what of the parameters (`LAW`) belongs to the law."""
+    return Fabric(
         slack=(values.get("prestrain.slack_x", 0.0), values.get("prestrain.slack_y", 0.0)),
         gain=(
             values.get("nonlinear_material.k_x", 0.0) * values["E1"],
@@ -131,7 +148,6 @@ def fabric_of(mesh: Mesh, radius: float, values: Mapping[str, float]) -> Fabric:
             values.get("nonlinear_material.knee_x", KNEE),
             values.get("nonlinear_material.knee_y", KNEE),
         ),
-        compliance=max(values.get("clamp_slip.compliance", 0.0), LEAST_COMPLIANCE),
     )
 
 

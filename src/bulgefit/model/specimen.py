@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
-from bulgefit.fem.elasticity import orthotropic_stiffness, orthotropic_stiffness_derivative
+from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import disc
@@ -32,7 +32,9 @@ from bulgefit.model.camera import (
     through,
 )
 from bulgefit.model.places import (
+    CONSTANTS,
     KNEE,
+    LAW,
     LOAD,
     MECHANICS,
     applied_derivative,
@@ -40,6 +42,7 @@ from bulgefit.model.places import (
     balanced_derivative,
     balanced_pressure,
     fabric_of,
+    law_of,
     semi_axes,
 )
 from bulgefit.model.smooth import SmoothField, smooth_field
@@ -49,9 +52,6 @@ from bulgefit.threads import side_by_side
 __all__ = ["Prediction", "Shapes", "Specimen"]
 
 Floats = NDArray[np.float64]
-
-#: What D is made of, in order.
-CONSTANTS = ("E1", "E2", "G12", "poisson_ratio.nu12")
 
 #: Differences of the out-of-balance force by a parameter: half the step.
 _STEPS = {
@@ -347,34 +347,48 @@ class Specimen:
 
 
 class _Forces:
-    """∂R/∂(mechanical parameters) at fixed displacement."""
+    """∂R/∂(mechanical parameters) at fixed displacement, by differences of R."""
 
     def __init__(self, specimen: Specimen, values: dict[str, float], names: list[str]) -> None:
         self.names = names
-        self._membrane, self._stiffness = specimen.membrane(values), _stiffness(values)
-        self._linear, self._differences = dict[str, Floats](), dict[str, _Difference]()
-        by_constants = orthotropic_stiffness_derivative(*_constants(values))
-        for name in names:
-            if name in CONSTANTS and not _is_curved(values):
-                self._linear[name] = by_constants[:, CONSTANTS.index(name)]
-            else:
-                self._differences[name] = _Difference(specimen, values, name)
+        self._membrane = specimen.membrane(values)
+        self._law = [name for name in names if name in LAW]
+        steps = [_step(name) for name in self._law]
+        self._before, self._after = (
+            np.array(
+                [
+                    _law_parameters({**values, name: values.get(name, 0.0) + sign * step})
+                    for name, step in zip(self._law, steps, strict=True)
+                ]
+            )
+            for sign in (-1.0, 1.0)
+        )
+        self._spans = 2.0 * np.array(steps)
+        self._others = {n: _Difference(specimen, values, n) for n in names if n not in LAW}
 
     def at(self, balance: Equilibrium) -> list[Floats]:
         """(N,) arrays at a balance, one for each name."""
-        found = {name: one.force(balance) for name, one in self._differences.items()}
-        if self._linear:  # stress is linear in D: exact
-            columns = self._membrane.stiffness_force(balance.displacement, self._stiffness)
-            found |= {name: weights @ columns for name, weights in self._linear.items()}
+        found = {name: one.force(balance) for name, one in self._others.items()}
+        if self._law:
+            changes = self._membrane.law_changes(balance.displacement, self._before, self._after)
+            found |= dict(zip(self._law, changes / self._spans[:, None], strict=True))
         return [found[name] for name in self.names]
 
 
+def _step(name: str) -> float:
+    return _STEPS.get(name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP)
+
+
+def _law_parameters(values: Mapping[str, float]) -> tuple[float, ...]:
+    return law_of(values).law_parameters(_stiffness(values))
+
+
 class _Difference:
-    """∂R/∂(a mechanical parameter) at fixed displacement, by two assemblies."""
+    """∂R/∂(a parameter of shape or clamp) at fixed displacement, by two assemblies."""
 
     def __init__(self, specimen: Specimen, values: dict[str, float], name: str) -> None:
         self._scale = 1.0
-        step = _STEPS.get(name, _LENGTH_STEP if name.startswith("initial_shape") else _RATIO_STEP)
+        step = _step(name)
         here = values.get(name, 0.0)
         low, high = here - step, here + step
         if name == "clamp_slip.compliance":
@@ -416,18 +430,9 @@ def _solved(
         ) from error
 
 
-def _is_curved(values: Mapping[str, float]) -> bool:
-    """Whether stress is not linear in strain: the curve's terms scale with the moduli."""
-    return any(values.get(f"nonlinear_material.{n}", 0.0) for n in ("k_x", "k_y", "s_x", "s_y"))
-
-
-def _constants(values: Mapping[str, float]) -> tuple[float, float, float, float]:
-    e1, e2, g12, nu12 = (values[name] for name in CONSTANTS)
-    return e1, e2, g12, nu12
-
-
 def _stiffness(values: Mapping[str, float]) -> Floats:
-    return orthotropic_stiffness(*_constants(values))
+    e1, e2, g12, nu12 = (values[name] for name in CONSTANTS)
+    return orthotropic_stiffness(e1, e2, g12, nu12)
 
 
 def _apply(operator: object, nodal: Floats) -> Floats:
