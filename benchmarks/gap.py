@@ -263,7 +263,8 @@ def _test_parts(d: Mapping[str, Any]) -> list[str]:
     for c in d["causes"]:
         first = list(c["parameters"].items())[:9]
         values = ", ".join(
-            f"{k} {v['value']:.4g} ± {v['stderr']:.1g} {v['unit']}" for k, v in first
+            f"{k} {v['value']:.4g} ± {v['stderr']:.1g} {v['unit']}".removesuffix(" 1")
+            for k, v in first
         )
         more = f" and {len(c['parameters']) - 9} more" if len(c["parameters"]) > 9 else ""
         bound = "; at the edge of what is plausible" if c["at_bound"] else ""
