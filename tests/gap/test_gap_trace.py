@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.doubt import leaves_a_trace
+from bulgefit.gap.doubt import is_pinned, leaves_a_trace
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
@@ -112,3 +112,27 @@ def test_what_completes_a_flexible_effect_is_not_named(
     assert {*found.groups} == {"reference_state", "pressure_offset"}
     assert not found.remainder.significant
     assert found.doubt == ("completion" if completed else "")
+
+
+@pytest.mark.parametrize(("window", "pinned"), [(20.0, True), (11.0, False)])
+def test_a_parameter_that_would_leave_its_range_is_pinned(
+    made_by_the_model: Callable[..., Data], window: float, pinned: bool
+) -> None:
+    """Windows are plausible up to 15 mm."""
+    truth = {**TRUTH, "dic_smoothing.window": window}
+    data = [made_by_the_model(truth, spacing=8.0, frames=8, seed=3)]
+    key = "dic_smoothing.window"
+    fit = regress(data, (*MODULI, key), {**TRUTH, key: 12.0})
+    assert is_pinned(fit, key) is pinned
+
+
+def test_an_edge_that_the_data_leave_open_is_no_pin(
+    made_by_the_model: Callable[..., Data],
+) -> None:
+    """Where the slope hardly changes, a knee may be anywhere."""
+    data = [made_by_the_model(TRUTH, spacing=12.0, frames=8, seed=3)]
+    knee = "nonlinear_material.knee_x"
+    start = {**TRUTH, "nonlinear_material.s_x": 1e-3, knee: 0.05}
+    fit = regress(data, (*MODULI, knee), start, iterations=0)
+    assert fit.values[knee] == 0.05
+    assert not is_pinned(fit, knee)

@@ -18,7 +18,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
 from bulgefit.gap.explain import Explanation, Round, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
-from bulgefit.gap.keys import bounds_of, columns_of, is_field
+from bulgefit.gap.keys import at_edge, columns_of, is_field
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
@@ -338,8 +338,7 @@ def _cause(
     for key in columns_of(keys):
         name = key.partition(".")[2]
         value = found.final.values[key]
-        low, high = bounds_of(key)
-        at_bound |= min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0
+        at_bound |= at_edge(key, value)
         parameters[name] = {
             "value": float(value),
             "stderr": float(errors[key]),
@@ -352,7 +351,7 @@ def _cause(
         effect=effect,
         alternatives=evidence.rivals,
         parameters=parameters,
-        at_bound=bool(at_bound),
+        at_bound=at_bound,
         share_of_gap=float(np.clip(evidence.gained / excess, 0.0, 1.0)),
         heldout_reduction=float(evidence.gained / evidence.without.held_out()),
         bias_if_omitted={

@@ -13,6 +13,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
 
 __all__ = [
+    "at_edge",
     "bounds_of",
     "chain_factor",
     "columns_of",
@@ -75,6 +76,12 @@ def bounds_of(key: str) -> tuple[float, float]:
     effect, _, parameter = name.partition(".")
     (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
     return found.lower, found.upper
+
+
+def at_edge(key: str, value: float) -> bool:
+    """Whether a freed parameter, not at zero, sits at the edge of its plausible range."""
+    low, high = bounds_of(key)
+    return bool(min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0)
 
 
 def start_of(key: str, data: Sequence[Data]) -> float:

@@ -198,6 +198,12 @@ def _verdict(diagnosis: Diagnosis) -> str:
             "beside a flexible one may only take what that misses of something else; what that "
             "is, is not known."
         )
+    if doubt == "edge":
+        return (
+            f"{named} together come down to the noise, but a parameter is pinned at the edge of "
+            "what is plausible beside a flexible effect, as where something else is imitated; "
+            "what that is, is not known."
+        )
     start = "Significant structure is left that no effect tried explains"
     return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
 
