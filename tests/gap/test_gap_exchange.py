@@ -76,11 +76,14 @@ def test_an_effect_grows_into_the_place_of_a_stand_in(
 
 
 def test_a_fit_starts_where_one_of_the_same_keys_ended(search: Search, data: list[Data]) -> None:
-    trial = Trial("again", (*MODULI, "pressure_offset.offset"), {**TRUTH, "E1": 250.0})
-    first, again = (search.fits(fitted(data, SHIFT), [trial])[0] for _ in range(2))
-    assert first is not None
-    assert again is not None
-    assert again.values == first.values
+    """Wherever it is told to start: without a step it is there."""
+    near, keys = fitted(data, SHIFT), (*MODULI, "pressure_offset.offset")
+    (end,) = search.fits(near, [Trial("to the end", keys, {**TRUTH, "E1": 250.0})])
+    (start,) = search.fits(near, [Trial("again", keys, {**TRUTH, "E1": 400.0})], steps=0)
+    assert end is not None
+    assert start is not None
+    assert end.values["E1"] == pytest.approx(TRUTH["E1"], rel=0.01)
+    assert start.values == end.values
 
 
 def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data]) -> None:
