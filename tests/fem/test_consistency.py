@@ -305,3 +305,25 @@ def test_relaxation_matters_where_a_rim_moves_inwards() -> None:
     assert states[True].potential < states[False].potential
     assert states[True].wrinkled == 4 * len(mesh.cells)
     assert states[False].wrinkled == 0
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("curve", [STRAIGHT, CURVED, SHARP])
+def test_changes_of_the_law_are_those_of_the_force(law: str, curve: tuple[float, ...]) -> None:
+    """Against two assemblies for each of its twelve parameters, at taut and at wrinkled points."""
+    mesh = disc(100.0, 2)
+    shape = blown(mesh) * [-5.0, 1.0, 1.0]
+    before = np.array((*STIFFNESS, *curve))
+    steps = [3.0, 2.0, 0.5, 0.1, 1e-4, 2e-4, 20.0, 10.0, 5.0, 4.0, 1e-4, 2e-4]
+    after = before + 1e-3 * np.diag(steps)
+    forces = []
+    for q in (before, *after):
+        fabric = Fabric(slack=q[4:6], gain=q[6:8], bend=q[8:10], knee=q[10:12])
+        membrane = Membrane(mesh, 0.81, law, fabric=fabric)
+        state = membrane.state(shape, 0.1, q[:4], tangent=False)
+        assert state.wrinkled > 0
+        forces.append(state.residual)
+    found = membrane.law_changes(shape, np.tile(before, (12, 1)), after)
+    scale = np.abs(forces[0]).max()
+    np.testing.assert_allclose(found, forces[1:] - forces[0], rtol=0, atol=1e-12 * scale)
+    assert (np.abs(found).max(axis=1) > 1e-9 * scale).sum() >= 10
