@@ -33,6 +33,19 @@ def test_a_knee_is_found_beyond_the_linear_step(
     assert fit.chi_square < 1.05 * fit.normal.count
 
 
+def test_a_valley_of_equal_products_is_followed(
+    made_by_the_model: Callable[..., Data],
+) -> None:
+    """Far along the valley where E(1 + s), the slope past a knee at little strain, is the same."""
+    truth = {**MATERIAL, **dict(zip(KNEE, (-0.05, -0.05, 0.004, 0.004), strict=True))}
+    data = [made_by_the_model(truth, spacing=12.0, frames=10, seed=3)]
+    off = {"nonlinear_material.s_x": -0.35, "E1": 340.0 * 0.95 / 0.65}
+    freed = (*MODULI, *KNEE[:2])
+    fit = regress(data, freed, {**truth, **off}, iterations=6)
+    assert fit.converged
+    assert fit.values["E1"] == pytest.approx(340.0, rel=0.02)
+
+
 @pytest.mark.parametrize(("slip", "held"), [(0.02, True), (0.0, False)])
 def test_a_shear_modulus_held_by_stability_is_told(
     made_by_the_model: Callable[..., Data], slip: float, held: bool

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.doubt import is_pinned, leaves_a_trace
+from bulgefit.gap.doubt import BEYOND_THE_EDGE, beyond_the_edge, leaves_a_trace
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
@@ -114,19 +114,31 @@ def test_what_completes_a_flexible_effect_is_not_named(
     assert found.doubt == ("completion" if completed else "")
 
 
-@pytest.mark.parametrize(("window", "pinned"), [(20.0, True), (11.0, False)])
-def test_a_parameter_that_would_leave_its_range_is_pinned(
-    made_by_the_model: Callable[..., Data], window: float, pinned: bool
+@pytest.mark.parametrize(("window", "beyond"), [(20.0, True), (11.0, False)])
+def test_a_parameter_that_would_leave_its_range_is_noticed(
+    made_by_the_model: Callable[..., Data], window: float, beyond: bool
 ) -> None:
     """Windows are plausible up to 15 mm."""
     truth = {**TRUTH, "dic_smoothing.window": window}
     data = [made_by_the_model(truth, spacing=8.0, frames=8, seed=3)]
     key = "dic_smoothing.window"
     fit = regress(data, (*MODULI, key), {**TRUTH, key: 12.0})
-    assert is_pinned(fit, key) is pinned
+    assert (beyond_the_edge(fit) > BEYOND_THE_EDGE) is beyond
 
 
-def test_an_edge_that_the_data_leave_open_is_no_pin(
+def test_how_far_beyond_the_edge_a_parameter_is_seen(
+    made_by_the_model: Callable[..., Data],
+) -> None:
+    """The square of the distance in standard errors, of a linear parameter."""
+    key = "rigid_motion.shift_z"
+    data = [made_by_the_model({**TRUTH, key: 2.01}, spacing=12.0, frames=8, seed=3)]
+    fit = regress(data, (*MODULI, key), {**TRUTH, key: 1.0})
+    assert fit.values[key] == pytest.approx(2.0)
+    error = fit.standard_errors()[key]
+    assert beyond_the_edge(fit) == pytest.approx((0.01 / error) ** 2, rel=0.3)
+
+
+def test_an_edge_that_the_data_leave_open_is_no_reason_to_doubt(
     made_by_the_model: Callable[..., Data],
 ) -> None:
     """Where the slope hardly changes, a knee may be anywhere."""
@@ -135,4 +147,4 @@ def test_an_edge_that_the_data_leave_open_is_no_pin(
     start = {**TRUTH, "nonlinear_material.s_x": 1e-3, knee: 0.05}
     fit = regress(data, (*MODULI, knee), start, iterations=0)
     assert fit.values[knee] == 0.05
-    assert not is_pinned(fit, knee)
+    assert beyond_the_edge(fit) < BEYOND_THE_EDGE / 5

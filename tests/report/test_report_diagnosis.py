@@ -200,7 +200,7 @@ def test_words_of_every_verdict(found):
         ("trace", 3, "0.2 noise units"),
         ("completion", 2, "takes so little of the gap beside a flexible one"),
         ("many", 6, "It takes 6 effects"),
-        ("edge", 2, "is pinned at the edge"),
+        ("edge", 2, "would have to leave what is plausible"),
     ]:
         near = replace_groups(found, rest=traced, doubt=doubt)
         near.causes = [replace(cause, partial=True)] * count

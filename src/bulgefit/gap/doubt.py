@@ -11,16 +11,16 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import at_edge, bounds_of, is_field
+from bulgefit.gap.keys import at_edge
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import Groups, Search
 from bulgefit.gap.structure import Structure
 
-__all__ = ["Doubt", "doubt", "is_pinned", "leaves_a_trace"]
+__all__ = ["Doubt", "beyond_the_edge", "doubt", "leaves_a_trace"]
 
 #: Why effects are not named: structure is left, they are too many, they leave a trace of what they
-#: imitate, one of them only completes a flexible one, or is pinned at the edge of what is plausible
-#: beside one; "" where they are.
+#: imitate, one of them only completes a flexible one, or would leave what is plausible; "" where
+#: they are.
 Doubt = Literal["", "structure", "many", "trace", "completion", "edge"]
 
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
@@ -38,10 +38,10 @@ MANY = 9
 #: 0.0055 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028.
 LEAST_COMPANION = 0.004
 
-#: A parameter at the edge of its plausible range is pinned there, and not just left open by the
-#: data, if its standard error is below this share of the range. On made tests true effects beside a
-#: flexible one had 0.13 and more, those that stood in for another effect 0.009 and 0.045.
-PINNED = 0.07
+#: What letting parameters leave their plausible ranges would take off the sum of squares, in
+#: noise units, correlation allowed for; with more, something else is imitated. (Of one parameter
+#: it is the square of how many standard errors beyond the edge the data see it.)
+BEYOND_THE_EDGE = 25.0
 
 
 def doubt(
@@ -75,17 +75,20 @@ def doubt(
     companions = [name for name in groups if flexible and name not in flexible]
     if any(without[name].held_out() - final.held_out() < least for name in companions):
         return "completion"
-    if flexible and any(is_pinned(final, key) for keys in groups.values() for key in keys):
+    if beyond_the_edge(final) > BEYOND_THE_EDGE:
         return "edge"
     return ""
 
 
-def is_pinned(fit: Regression, key: str) -> bool:
-    """Whether a well determined parameter would leave its plausible range if it could."""
-    if is_field(key) or not at_edge(key, fit.values[key]):
-        return False
-    low, high = bounds_of(key)
-    return bool(fit.standard_errors()[key] < PINNED * (high - low))
+def beyond_the_edge(fit: Regression) -> float:
+    """What parameters at the edge of plausibility would bring if they could leave it.
+
+    Off the sum of squares in noise units, correlation allowed for; by one linear step.
+    """
+    inside = [i for i, key in enumerate(fit.columns) if not at_edge(key, fit.values[key])]
+    whole = fit.normal.whole
+    within = whole.of(inside)
+    return (within.at(within.step()) - whole.at(whole.step())) / fit.inflation
 
 
 def leaves_a_trace(

@@ -17,7 +17,8 @@ from bulgefit.gap.exchange import (
     fits_without,
     without_superfluous,
 )
-from bulgefit.gap.keys import columns_of, group_keys, is_field, null_of, start_of
+from bulgefit.gap.forms import in_smallest_forms, smallest_form
+from bulgefit.gap.keys import columns_of, effect_of, is_field, null_of, start_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import (
     GAIN,
@@ -147,7 +148,8 @@ def explain(
         without = fits_without(search, current, groups)
     if 1 < len(groups) <= MOST_EFFECTS and not remainder.significant:
         current, groups = exchanged(search, current, groups)
-        current, groups, without = without_superfluous(search, settle(current), groups)
+        current, groups = in_smallest_forms(search, settle(current), groups)
+        current, groups, without = without_superfluous(search, current, groups)
     known = search.universe(current)
     remainder = structure(data, current)
     # where nothing balances without an effect, it may be as bad as the moduli alone
@@ -284,38 +286,14 @@ def _judged(
     extra = search.size(best.fit.keys) - search.size(current.keys)
     if before - best.held_out < GAIN + GAIN_PER_PARAMETER * extra:
         return Round(before, candidates, None)
-    candidates[0] = best = _smallest(search, best, current)
+    size_before = search.size(k for k in current.keys if effect_of(k) == best.effect)
+    fit, keys = smallest_form(search, best.fit, best.effect, best.keys, size_before)
+    candidates[0] = best = search.candidate(best.effect, keys, fit)
     margin = max(TIE, TIE_SHARE * (before - best.held_out))
     ties = [c for c in candidates[1:] if c.score < best.score + margin]
     # the smallest of those that are not told apart stands for them
     taken = min([best, *ties], key=lambda c: c.size)
     return Round(before, candidates, taken)
-
-
-def _smallest(search: Search, candidate: Candidate, current: Regression) -> Candidate:
-    """The candidate in as small a form of its effect as held-out data are content with."""
-    (effect,) = (e for e in search.effects if e.id == candidate.effect)
-    for group in reversed(effect.groups()):
-        keys = group_keys(group, len(search.data))
-        dropped = set(candidate.keys) - set(keys)
-        if not set(keys) < set(candidate.keys) or not search.grows(current, effect.id, keys):
-            continue
-        fit = candidate.fit
-        search.say(_trial_name((), candidate.effect, keys))
-        try:
-            fit = regress(
-                search.data,
-                tuple(k for k in fit.keys if k not in dropped),
-                {k: v for k, v in fit.values.items() if k not in dropped},
-                [p.shapes for p in fit.predictions],
-            )
-        except (SolveError, InputError):
-            break
-        smaller = search.candidate(candidate.effect, keys, fit)
-        if smaller.score > candidate.score + TIE:
-            break
-        candidate = smaller
-    return candidate
 
 
 def _first_steps(

@@ -37,6 +37,12 @@ MAX_ITERATIONS = 16
 _SETTLED, _SETTLED_SHARE = 0.02, 1e-5
 #: Damping (Marquardt's, on the scaled normal matrix) after a step that failed, and its growth.
 _LEAST_DAMPING, _FIRMER = 1e-3, 6.0
+#: Where what multiplies a stiffness would take it to nothing.
+_ORIGIN_OF_SCALES = {
+    **dict.fromkeys(MODULI, 0.0),
+    "nonlinear_material.s_x": -1.0,
+    "nonlinear_material.s_y": -1.0,
+}
 
 
 @dataclass(eq=False)
@@ -209,13 +215,26 @@ def _stepped(
     data: Sequence[Data], keys: tuple[str, ...], here: _Point, step: Floats
 ) -> _Point | None:
     """The point a step ahead; None where nothing balances there."""
-    moved = {k: here.values[k] + s for k, s in zip(columns_of(keys), step, strict=True)}
+    columns = columns_of(keys)
+    moved = {k: _along(k, here.values[k], s) for k, s in zip(columns, step, strict=True)}
     values = {**here.values, **moved}
     try:
         there = _predict(data, keys, values, [p.shapes for p in here.predictions])
     except (SolveError, InputError):
         return None
     return _Point(values, there, normal_equations(data, there, keys))
+
+
+def _along(key: str, value: float, step: float) -> float:
+    """Where a step leads that is straight in the logarithm of what multiplies a stiffness.
+
+    The slope after a knee is E(1 + s): to first order steps keep such products, and in logarithms
+    they do so however far they go, along valleys that are bent in E and s.
+    """
+    origin = _ORIGIN_OF_SCALES.get(key.partition("@")[0])
+    if origin is None:
+        return value + step
+    return float(origin + (value - origin) * np.exp(step / (value - origin)))
 
 
 def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:
@@ -290,8 +309,8 @@ def _bounded_step(
     here = np.array([values[key] for key in keys])
     low, high = bounds[:, 0] - here, bounds[:, 1] - here
     moduli = np.array([key in MODULI for key in keys])
-    low = np.where(moduli, np.maximum(low, -0.4 * here), low)
-    high = np.where(moduli, np.minimum(high, 2.0 * here), high)
+    low = np.where(moduli, np.maximum(low, np.log(0.6) * here), low)
+    high = np.where(moduli, np.minimum(high, np.log(3.0) * here), high)
     low, high = np.minimum(low, -1e-12), np.maximum(high, 1e-12)
     scale = scales(h)
     root = _root(h * np.outer(scale, scale) + damping * np.eye(len(keys)))

@@ -200,8 +200,8 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if doubt == "edge":
         return (
-            f"{named} together come down to the noise, but a parameter is pinned at the edge of "
-            "what is plausible beside a flexible effect, as where something else is imitated; "
+            f"{named} {'comes' if len(causes) == 1 else 'together come'} down to the noise, but a "
+            "parameter would have to leave what is plausible, as where something else is imitated; "
             "what that is, is not known."
         )
     start = "Significant structure is left that no effect tried explains"
