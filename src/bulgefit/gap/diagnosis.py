@@ -385,6 +385,11 @@ def _warnings(prepared: Sequence[Prepared]) -> list[str]:
                 f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
                 "in bands there (soft shear), which no mesh-independent model follows"
             )
+        if p.strays:
+            out.append(
+                f"{name}: {p.strays} of {p.data.used.any(axis=2).sum() + p.strays} points of all "
+                "frames depart far from those around them and were left out"
+            )
         if p.mesh_error is None:
             out.append(f"{name}: the mesh's error could not be estimated; small gaps may be its")
         elif (p.mesh_error > p.noise.sigma / 3.0).any():

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 #: Distance (mm) beyond which noise is taken as independent.
 REACH = 40.0
 _NEIGHBOURS = 24
+#: Points around one that say whether it strays, and by how many noise units and spreads of theirs.
+_CIRCLE, _ASTRAY = 32, 12.0
 #: Frames from which they tell noise from what goes smoothly with pressure.
 _LEAST_FRAMES = 8
 
@@ -200,18 +202,41 @@ def _fit_correlation(
 
 
 def outliers(points: Floats, residual: Floats, sigma: Floats) -> NDArray[np.bool_]:
-    """Values that depart from their neighbours by more than eight noise units.
+    """Points of a frame that depart from those around them by far more than those differ.
+
+    First as they are, then in what a point does not show all the time: creases of the reference
+    image do not hide what passes. Images that lose the pattern lose it over several points at once,
+    so the circle is wide, and is looked at until nothing more is found.
 
     Parameters
     ----------
     points : (n, 2) array, mm
     residual : (frames, n, 3) array, mm
     sigma : (3,) array, mm
+
+    Returns
+    -------
+    strays : (frames, n) array
     """
-    near = KDTree(points).query(points, k=min(9, len(points)))[1][:, 1:]
-    with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # points without a measured neighbour
-        around = np.nanmedian(residual[:, near], axis=2)
-        spread = 1.4826 * np.nanmedian(np.abs(residual[:, near] - around[:, :, None]), axis=2)
-        limit = 8.0 * np.maximum(sigma, spread)
-        return np.abs(residual - around) > limit
+    strays = np.asarray(np.isnan(residual).any(axis=2))
+    lost = strays.copy()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # points that are never measured
+        always = np.nanmedian(residual, axis=0)
+    for field in (residual, residual - always):
+        for frame, stray in zip(field, strays, strict=True):
+            while len(left := np.flatnonzero(~stray)) > _CIRCLE:
+                apart = _apart(points[left], frame[left], sigma)
+                if not apart.any():
+                    break
+                stray[left[apart]] = True
+    return strays & ~lost
+
+
+def _apart(points: Floats, field: Floats, sigma: Floats) -> NDArray[np.bool_]:
+    """Points at which a field (n, 3) departs from its median around them."""
+    around = field[KDTree(points).query(points, k=_CIRCLE + 1)[1][:, 1:]]
+    centre = np.median(around, axis=1)
+    spread = 1.4826 * np.median(np.abs(around - centre[:, None]), axis=1)
+    apart = np.abs(field - centre) > _ASTRAY * np.maximum(sigma, spread)
+    return np.asarray(apart.any(axis=1))

@@ -55,6 +55,8 @@ class Prepared:
         Root mean square of the mesh's error that was corrected.
     mesh_error : (3,) array, mm, or None
         Root mean square of what the correction leaves of it; None where it could not be found.
+    strays : int
+        Points of frames that were left out because they depart from those around them.
     """
 
     data: Data
@@ -63,6 +65,7 @@ class Prepared:
     rough_from: float | None
     discretisation: Floats
     mesh_error: Floats | None = None
+    strays: int = 0
 
 
 def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
@@ -162,10 +165,12 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
 
 
 def drop_outliers(prepared: Prepared, modelled: Floats) -> None:
-    """Leave out values that depart from their neighbours far beyond the noise."""
+    """Leave out points of frames that depart from those around them far beyond the noise."""
     data = prepared.data
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
-    data.used = data.used & ~outliers(data.specimen.reference[:, :2], residual, data.sigma)
+    strays = outliers(data.specimen.reference[:, :2], residual, data.sigma)
+    data.used = data.used & ~strays[..., None]
+    prepared.strays = int(strays.sum())
 
 
 def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
