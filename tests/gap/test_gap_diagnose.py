@@ -92,6 +92,13 @@ def test_what_is_left_of_the_meshs_error_is_known(offset: Diagnosis) -> None:
     assert not offset.warnings
 
 
+def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:
+    (prepared,) = offset.prepared
+    assert prepared.strays == 0
+    (warning,) = _warnings([replace(prepared, strays=7)])
+    assert "7 of" in warning
+
+
 def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
     (warning,) = _warnings([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])

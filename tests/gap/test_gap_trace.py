@@ -98,13 +98,17 @@ def test_one_flexible_effect_is_betrayed_as_well(
     [
         ({"initial_shape.h0": 2.5}, True),
         ({"reference_state.z20": 0.05, "pressure_offset.offset": 0.02}, False),
+        ({"reference_state.z20": 0.025, "pressure_offset.offset": 0.05}, True),
     ],
-    ids=["dome", "reference state and offset"],
+    ids=["dome", "reference state and offset", "offset and next to no reference state"],
 )
-def test_what_completes_a_flexible_effect_is_not_named(
+def test_what_completes_a_flexible_effect_or_is_one_that_completes_is_not_named(
     made_by_the_model: Callable[..., Data], cause: dict[str, float], completed: bool
 ) -> None:
-    """A reference state comes near what a dome does; an offset of pressure takes what it misses."""
+    """A reference state comes near what a dome does; an offset of pressure takes what it misses.
+
+    And a reference state can take what an offset misses of anything.
+    """
     data = [made_by_the_model({**TRUTH, **cause}, spacing=6.0, frames=12, seed=3)]
     effects = [CATALOGUE["reference_state"], CATALOGUE["pressure_offset"]]
     with ThreadPoolExecutor(1) as executor:

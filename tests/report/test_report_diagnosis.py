@@ -198,7 +198,7 @@ def test_words_of_every_verdict(found):
         ("trace", 1, "near the noise, but leaves a trace"),
         ("trace", 3, "together come near the noise, but leave a trace"),
         ("trace", 3, "0.2 noise units"),
-        ("completion", 2, "takes so little of the gap beside a flexible one"),
+        ("completion", 2, "takes so little of the gap that it may only take"),
         ("many", 6, "It takes 6 effects"),
         ("edge", 2, "would have to leave what is plausible"),
     ]:

@@ -19,8 +19,8 @@ from bulgefit.gap.structure import Structure
 __all__ = ["Doubt", "beyond_the_edge", "doubt", "leaves_a_trace"]
 
 #: Why effects are not named: structure is left, they are too many, they leave a trace of what they
-#: imitate, one of them only completes a flexible one, or would leave what is plausible; "" where
-#: they are.
+#: imitate, one of them, or a flexible one, only completes the others, or a parameter would leave
+#: what is plausible; "" where they are.
 Doubt = Literal["", "structure", "many", "trace", "completion", "edge"]
 
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
@@ -33,9 +33,11 @@ MOST_NAMED = 3
 LEFT_BEHIND = 1e-3
 #: Parameters from which on an effect is flexible: it can come near what something else does.
 MANY = 9
-#: Of the gap, an effect beside a flexible one must explain this share: a smaller one may be no more
-#: than what the flexible one misses of something else. On made tests true companions explained
-#: 0.0055 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028.
+#: Of the gap, a flexible effect and those beside it must each explain this share: a smaller one may
+#: be no more than what the others miss of something else. On made tests true companions explained
+#: 0.0055 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028;
+#: true flexible ones 0.027 and more, those that completed what stood in for another effect up to
+#: 0.0003.
 LEAST_COMPANION = 0.004
 
 #: What letting parameters leave their plausible ranges would take off the sum of squares, in
@@ -71,9 +73,9 @@ def doubt(
     if groups and leaves_a_trace(search.data, baseline, final, remainder):
         return "trace"
     least = LEAST_COMPANION * (baseline.held_out() - final.floor)
-    flexible = [name for name, keys in groups.items() if search.size(keys) >= MANY]
-    companions = [name for name in groups if flexible and name not in flexible]
-    if any(without[name].held_out() - final.held_out() < least for name in companions):
+    flexible = any(search.size(keys) >= MANY for keys in groups.values())
+    gains = [without[name].held_out() - final.held_out() for name in groups]
+    if flexible and min(gains) < least:
         return "completion"
     if beyond_the_edge(final) > BEYOND_THE_EDGE:
         return "edge"

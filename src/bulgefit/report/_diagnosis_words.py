@@ -194,9 +194,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
         )
     if doubt == "completion":
         return (
-            f"{named} together come down to the noise, but one that takes so little of the gap "
-            "beside a flexible one may only take what that misses of something else; what that "
-            "is, is not known."
+            f"{named} together come down to the noise, but one of them is flexible, and one takes "
+            "so little of the gap that it may only take what the others miss of something else; "
+            "what that is, is not known."
         )
     if doubt == "edge":
         return (
