@@ -35,9 +35,9 @@ LEFT_BEHIND = 1e-3
 MANY = 9
 #: Of the gap, a flexible effect and those beside it must each explain this share: a smaller one may
 #: be no more than what the others miss of something else. On made tests true companions explained
-#: 0.0055 and more, those of a reference state that stood in for another effect 0.0001 to 0.0028;
-#: true flexible ones 0.027 and more, those that completed what stood in for another effect up to
-#: 0.0003.
+#: 0.0055 and more, but for one with 0.0033, those of a reference state that stood in for another
+#: effect 0.0001 to 0.0028; true flexible ones 0.027 and more, those that completed what stood in
+#: for another effect up to 0.0003.
 LEAST_COMPANION = 0.004
 
 #: What letting parameters leave their plausible ranges would take off the sum of squares, in
