@@ -237,6 +237,14 @@ def _along(key: str, value: float, step: float) -> float:
     return float(origin + (value - origin) * np.exp(step / (value - origin)))
 
 
+def _step_to(key: str, value: float, target: float) -> float:
+    """The step that leads to a target, as `_along` goes."""
+    origin = _ORIGIN_OF_SCALES.get(key.partition("@")[0])
+    if origin is None:
+        return target - value
+    return float((value - origin) * np.log((target - origin) / (value - origin)))
+
+
 def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:
     """Of every point (mm), where it is freed."""
     if not has_field(keys, index):
@@ -307,7 +315,9 @@ def _bounded_step(
     """
     h, g = current.hessian, current.gradient
     here = np.array([values[key] for key in keys])
-    low, high = bounds[:, 0] - here, bounds[:, 1] - here
+    low, high = np.array(
+        [[_step_to(k, v, b) for b in pair] for k, v, pair in zip(keys, here, bounds, strict=True)]
+    ).T
     moduli = np.array([key in MODULI for key in keys])
     low = np.where(moduli, np.maximum(low, np.log(0.6) * here), low)
     high = np.where(moduli, np.minimum(high, np.log(3.0) * here), high)
