@@ -73,6 +73,17 @@ def die_once(data: Data, item: int) -> int:
     return item * item
 
 
+def die_when_busy(dask_worker: Any) -> None:
+    """Let a worker of a cluster kill itself in the midst of its first task from now on."""
+
+    def wait() -> None:
+        while not dask_worker.state.executing:
+            time.sleep(0.001)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def die(data: None, item: int) -> None:
     os._exit(1)
 
@@ -299,12 +310,10 @@ def test_a_fit_is_the_same_to_the_last_bit(
     with open_executor(2, processes=True) as pool:
         assert same_but_for_time(fit(tests, executor=pool, **options)) == one
     with distributed.Client(cluster, set_as_default=False) as client:
-        first = min(client.run(os.getpid).values())
-        killed = threading.Thread(target=_kill_a_busy_one, args=(client, first))
-        killed.start()
+        address, doomed = min(client.run(os.getpid).items())
+        client.run(die_when_busy, workers=[address])
         found = same_but_for_time(fit(tests, executor=client.get_executor(), **options))
-        killed.join()
-        assert first not in client.run(os.getpid).values()
+        assert doomed not in client.run(os.getpid).values()
     assert found == one
 
 
@@ -333,14 +342,3 @@ def test_a_fit_and_its_bootstrap_send_the_data_once(
     readers = log.read_text().split()
     assert len(readers) == len(set(readers)) == 2
     assert sure.values.tolist() == alone.values.tolist()
-
-
-def _kill_a_busy_one(client: Any, pid: int) -> None:
-    """Kill a worker process as soon as it works."""
-    while True:
-        busy = {address for address, keys in client.processing().items() if keys}
-        pids = client.run(os.getpid, workers=list(busy)) if busy else {}
-        if pid in pids.values():
-            os.kill(pid, signal.SIGKILL)
-            return
-        time.sleep(0.01)
