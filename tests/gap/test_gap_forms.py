@@ -70,3 +70,13 @@ def test_what_others_explain_makes_an_effect_small_again(
     smaller, forms = in_smallest_forms(search, fit, groups)
     assert forms == {"initial_shape": domes[0], "pressure_offset": (OFFSET,)}
     assert smaller.values[domes[0][0]] == pytest.approx(1.5, rel=0.02)
+
+
+def test_what_a_step_shows_to_be_needed_costs_no_fit(
+    made_by_the_model: Callable[..., Data], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    domes = CATALOGUE["initial_shape"].groups()
+    truth = dict(zip(domes[2], (1.5, 0.4, 0.3, 0.3, 0.2, 0.3), strict=True))
+    search, fit = scene(made_by_the_model, truth, domes[2])
+    monkeypatch.delattr("bulgefit.gap.forms.regress")
+    assert smallest_form(search, fit, "initial_shape", domes[2]) == (fit, domes[2])

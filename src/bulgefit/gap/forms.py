@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+
+import numpy as np
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.gap.keys import group_keys
+from bulgefit.gap.keys import group_keys, null_of
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import GAIN_PER_PARAMETER, TIE, Groups, Search
 from bulgefit.gap.structure import structure
 
 __all__ = ["in_smallest_forms", "smallest_form"]
+
+#: A smaller form is not fitted where it would lose so many times what it may by a linear forecast:
+#: for bends and knees that overstated the loss up to 27 times on made tests, for others by 2 %.
+HOPELESS = 100.0
 
 
 def smallest_form(
@@ -45,22 +51,39 @@ def smallest_form(
             continue
         dropped = set(keys) - set(form)
         search.say(f"{effect} ({len(form)} parameters)")
-        try:
-            smaller = regress(
-                search.data,
-                tuple(k for k in fit.keys if k not in dropped),
-                {k: v for k, v in fit.values.items() if k not in dropped},
-                [p.shapes for p in fit.predictions],
-            )
-        except (SolveError, InputError):
+        smaller = _fit_without(search, fit, dropped)
+        if smaller is None or not enough(smaller):
             refused.append(set(form))
-            continue
-        loss = smaller.held_out() - fit.held_out()
-        if loss > TIE + GAIN_PER_PARAMETER * search.size(dropped) or not enough(smaller):
-            refused.append(set(form))
-            continue
-        fit, keys = smaller, form
+        else:
+            fit, keys = smaller, form
     return fit, keys
+
+
+def _fit_without(search: Search, fit: Regression, dropped: Collection[str]) -> Regression | None:
+    """The fit without some keys; None where held-out data are not content with it."""
+    limit = TIE + GAIN_PER_PARAMETER * search.size(dropped)
+    if _forecast_loss(search, fit, dropped) > HOPELESS * limit:
+        return None
+    try:
+        smaller = regress(
+            search.data,
+            tuple(k for k in fit.keys if k not in dropped),
+            {k: v for k, v in fit.values.items() if k not in dropped},
+            [p.shapes for p in fit.predictions],
+        )
+    except (SolveError, InputError):
+        return None
+    return smaller if smaller.held_out() - fit.held_out() <= limit else None
+
+
+def _forecast_loss(search: Search, fit: Regression, dropped: Collection[str]) -> float:
+    """What a fit would lose on held-out data without some of its keys, by one linear step."""
+    gone = [k for k in fit.columns if k in dropped]
+    change = np.array([null_of(k, search.data) - fit.values[k] for k in gone])
+    without = fit.normal.moved([fit.columns.index(k) for k in gone], change).of(
+        [place for place, k in enumerate(fit.columns) if k not in dropped]
+    )
+    return without.held_out(realised=False) / fit.inflation - fit.held_out()
 
 
 def in_smallest_forms(

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
 
-from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, SECTORS, Data
+from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, Data
 from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
 from bulgefit.model.camera import FLATTENING, flattened, flattened_rate, flattened_slope
 from bulgefit.model.places import LOAD, applied_derivative, applied_pressure
@@ -151,13 +152,13 @@ def normal_equations(
     kept, held = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, size))
     for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
         names, places = names_of(keys, index, several)
-        rows = np.concatenate([p.derivative / d.sigma, d.residual(p)[None]])
-        rows[:-1] *= np.array([chain_factor(n, p.shapes.values) for n in names])[
-            :, None, None, None
-        ]
+        weight = d.used / d.sigma
+        rows = np.empty((len(names) + 1, *weight.shape))
+        for row, name, derivative in zip(rows[:-1], names, p.derivative, strict=True):
+            np.multiply(derivative, chain_factor(name, p.shapes.values) * weight, out=row)
+        rows[-1] = d.residual(p)
         if has_field(keys, index):
-            rows[:-1] += offsets_change(d, p, names) / d.sigma
-        rows[:, ~d.used] = 0.0
+            rows[:-1] += offsets_change(d, p, names) * weight
         here = np.ix_([*places, size - 1], [*places, size - 1])
         parts = _projected(d, p, rows) if has_field(keys, index) else _plain(d, rows)
         whole[here] += parts[0]
@@ -177,13 +178,12 @@ _Parts = tuple[Floats, Floats, Floats]
 
 def _plain(data: Data, rows: Floats) -> _Parts:
     """Gram matrices of all rows, and of those kept and held in each fold."""
-    held = np.zeros((FOLDS, len(rows), len(rows)))
-    blocks = data.blocks
-    for block in range(FRAME_BLOCKS):
-        frames = rows[:, blocks.block == block]
-        for sector in range(SECTORS):
-            cell = frames[:, :, blocks.sector == sector].reshape(len(rows), -1)
-            held[(block + sector) % FOLDS] += cell @ cell.T
+    held = np.empty((FOLDS, len(rows), len(rows)))
+    flat = rows.reshape(len(rows), -1)
+    for fold in range(FOLDS):
+        values = np.flatnonzero(np.repeat(data.blocks.held(fold), rows.shape[-1]))
+        upper = dsyrk(1.0, flat.take(values, axis=1).T, trans=1)
+        held[fold] = upper + np.triu(upper, 1).T
     whole = held.sum(axis=0)
     return whole, whole - held, held
 
