@@ -12,6 +12,7 @@ from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.exchange import evidence_of, exchanged, fits_without
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search, Trial
+from bulgefit.gap.structure import structure
 from bulgefit.gap.universe import universe
 from bulgefit.workers import open_executor
 
@@ -57,6 +58,29 @@ def test_a_stand_in_makes_room(search: Search, data: list[Data]) -> None:
     fit, found = exchanged(search, wrong, groups)
     assert "pressure_offset" in found
     assert fit.chi_square < 1.05 * fit.normal.count
+
+
+def test_where_structure_is_left_an_exchange_has_to_take_most_of_it(
+    search: Search, made_by_the_model: Callable[..., Data]
+) -> None:
+    """A moved frame was taken for what is a slipping clamp, or a turned fabric, none of them here.
+
+    A reference state comes far nearer to the first; beside one, nothing comes near the second.
+    """
+    frame = {"rigid_motion": CATALOGUE["rigid_motion"].all_keys}
+    state = {"reference_state": CATALOGUE["reference_state"].groups()[1]}
+    for truth, groups, most in (
+        ({"clamp_slip.compliance": 0.01}, frame, True),
+        ({"axis_misalignment.angle": 1.0}, {**frame, **state}, False),
+    ):
+        truth = {**TRUTH, **truth}
+        data = [made_by_the_model(truth, spacing=9.0, frames=8, seed=7)]
+        wrong = fitted(data, tuple(k for keys in groups.values() for k in keys))
+        here = replace(search, data=data)
+        assert structure(data, wrong).significant
+        assert exchanged(here, wrong, groups)[1] != groups
+        fit, found = exchanged(here, wrong, groups, largely=True)
+        assert (found != groups, fit is not wrong) == (most, most)
 
 
 def test_an_effect_grows_into_the_place_of_a_stand_in(

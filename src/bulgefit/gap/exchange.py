@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
+import numpy as np
+
 from bulgefit.gap.keys import group_keys, null_of
 from bulgefit.gap.regress import MAX_ITERATIONS, Regression
 from bulgefit.gap.search import (
@@ -30,6 +32,8 @@ __all__ = ["Evidence", "evidence_of", "exchanged", "fits_without", "without_supe
 
 #: Exchanges that are made at most, fits that are tried for each, and steps that each of them gets.
 MOST_EXCHANGES, MOST_TRIED, STEPS = 3, 4, 8
+#: Share of what is left beyond the noise that an exchange has to promise where structure is left.
+LARGELY = 0.5
 #: Share of what effects explain by which a linear forecast without them may err.
 LINEAR = 0.02
 
@@ -121,14 +125,22 @@ def _is_enough(search: Search, current: Regression, fit: Regression, keys: Seque
     )
 
 
-def exchanged(search: Search, current: Regression, groups: Groups) -> tuple[Regression, Groups]:
-    """Put another effect in the place of one or two, while that scores better."""
+def exchanged(
+    search: Search, current: Regression, groups: Groups, *, largely: bool = False
+) -> tuple[Regression, Groups]:
+    """Put another effect in the place of one or two, while that scores better.
+
+    Or only where a forecast has it take off `LARGELY` of what is left beyond the noise.
+    """
     left: list[set[str]] = []
     for _ in range(MOST_EXCHANGES):
         known = search.universe(current)
         here = _score(search, current, groups)
         left.append(set(groups))
-        options = _promising(search, known, current, groups, here, left)
+        most = here - LARGELY * (here - current.floor) if largely else np.inf
+        options = [
+            o for o in _promising(search, known, current, groups, here, left) if o.score < most
+        ]
         tried = _tried(search, current, groups, options, STEPS)
         better = [pair for pair in tried if pair is not None and _score(search, *pair) < here]
         if not better:

@@ -141,6 +141,11 @@ def explain(
         gained = found.before - found.taken.held_out
         if not thorough and gained < LEAST_SHARE * (found.before - current.floor):
             break
+    if 1 < len(groups) <= MOST_EFFECTS and remainder.significant:
+        other, others = exchanged(search, current, groups, largely=True)
+        if others != groups:
+            current, groups = settle(other), others
+            remainder = structure(data, current)
     # what explains a gap in part only is not worth the time that weighing it against others takes
     if thorough or not remainder.significant:
         current, groups, without = without_superfluous(search, current, groups)
