@@ -43,7 +43,7 @@ LARGE = 37_500
 #: Methods that are compared on the large test.
 METHODS = ("gauss-newton", "L-BFGS-B", "SLSQP", "TNC", "Nelder-Mead")
 #: Refits that the workers share, and how often each way is timed.
-REFITS, REPEATS = 12, 2
+REFITS, REPEATS = 48, 2
 
 
 def make(file: Path, points: int, frames: int, truth: dict[str, float], refine: int = 7) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import Diagnosis, _warnings, diagnose
+from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
 from bulgefit.gap.noise import estimate_noise
 from bulgefit.model.specimen import Specimen
 from bulgefit.workers import open_executor
@@ -24,8 +24,10 @@ SIGMA = np.array([0.006, 0.006, 0.012])
 CANDIDATES = ("pressure_offset", "clamp_slip", "axis_misalignment", "rigid_motion")
 
 
-def made(effect: dict[str, float], *, static: bool = True, frames: int = 8) -> BulgeTest:
-    """A test from finer meshes than the diagnosis uses, with independent noise."""
+def made(
+    effect: dict[str, float], *, static: bool = True, frames: int = 8, stray: float = 0.0
+) -> BulgeTest:
+    """A test from finer meshes than the diagnosis uses, with noise; one value strays so far, mm."""
     side = np.arange(-90.0, 91.0, 9.0)
     x, y = (g.ravel() for g in np.meshgrid(side, side))
     inside = np.hypot(x, y) < 94.0
@@ -38,6 +40,7 @@ def made(effect: dict[str, float], *, static: bool = True, frames: int = 8) -> B
     truth = finer + (finer - fine) / ((9 / 6) ** 2 - 1)  # free of mesh error to second order
     rng = np.random.default_rng(11)
     noise = rng.normal(size=truth.shape) * SIGMA
+    noise[4, 120, 2] += stray
     rest = rng.normal(size=(4, len(points), 3)) * SIGMA
     return BulgeTest.from_arrays(
         points, truth + noise, pressure, name="made", static_displacement=rest if static else None
@@ -95,15 +98,15 @@ def test_what_is_left_of_the_meshs_error_is_known(offset: Diagnosis) -> None:
 def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
     assert prepared.strays == 0
-    (warning,) = _warnings([replace(prepared, strays=7)])
+    (warning,) = _left_out([replace(prepared, strays=7)])
     assert "7 of" in warning
 
 
 def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
-    (warning,) = _warnings([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
+    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
     assert "could not be brought below a third of the noise" in warning
-    (warning,) = _warnings([replace(prepared, mesh_error=None)])
+    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=None)])
     assert "could not be estimated" in warning
 
 
@@ -218,9 +221,10 @@ def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:
 @pytest.mark.parametrize("static", [True, False])
 def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     """Moduli from one specimen; the other's own offset from half of its frames."""
+    other = made({"pressure_offset.offset": -0.02}, static=static, frames=10, stray=5.0)
     found = diagnose(
         made({"pressure_offset.offset": 0.03}),
-        holdout=made({"pressure_offset.offset": -0.02}, static=static, frames=10),
+        holdout=replace(other, name="other"),
         effects=CANDIDATES,
     )
     kept = found.holdout
@@ -230,4 +234,5 @@ def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     assert not set(kept.fitted_bar) & set(kept.judged_bar)
     assert kept.explained["e_w"] < 1.2 * kept.noise_floor["e_w"]
     assert kept.baseline["e_w"] > 3 * kept.explained["e_w"]
-    assert found.to_dict()["holdout"]["test"] == "made"
+    assert found.to_dict()["holdout"]["test"] == "other"
+    assert [w for w in found.warnings if w.startswith("other: 1 of")]

@@ -286,7 +286,11 @@ def diagnose(
         seed=seed,
         seconds=time.perf_counter() - began,
         holdout=met,
-        warnings=[*_warnings(prepared), *_held(found)],
+        warnings=[
+            *_left_out([*prepared, *([kept_out] if kept_out else [])]),
+            *_left_of_the_mesh(prepared),
+            *_held(found),
+        ],
     )
 
 
@@ -376,7 +380,8 @@ def _offset_sizes(key: str, final: Regression, data: Sequence[Data]) -> dict[str
     }
 
 
-def _warnings(prepared: Sequence[Prepared]) -> list[str]:
+def _left_out(prepared: Sequence[Prepared]) -> list[str]:
+    """Frames and points that were not judged."""
     out = []
     for p in prepared:
         name = p.data.specimen.test.name
@@ -390,6 +395,14 @@ def _warnings(prepared: Sequence[Prepared]) -> list[str]:
                 f"{name}: {p.strays} of {p.data.used.any(axis=2).sum() + p.strays} points of all "
                 "frames depart far from those around them and were left out"
             )
+    return out
+
+
+def _left_of_the_mesh(prepared: Sequence[Prepared]) -> list[str]:
+    """Where the mesh's error is not known, or not below a third of the noise."""
+    out = []
+    for p in prepared:
+        name = p.data.specimen.test.name
         if p.mesh_error is None:
             out.append(f"{name}: the mesh's error could not be estimated; small gaps may be its")
         elif (p.mesh_error > p.noise.sigma / 3.0).any():
