@@ -11,7 +11,7 @@ import pytest
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.doubt import BEYOND_THE_EDGE, beyond_the_edge, leaves_a_trace
-from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
 from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
@@ -60,6 +60,20 @@ def test_a_pattern_within_the_models_floor_is_seen(scene: Scene) -> None:
     found = structure(scene.data, near)
     assert not found.significant
     assert found.smooth == pytest.approx(0.25**2, rel=0.2)
+
+
+def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> None:
+    """They take away what stays the same, of the noise too; a pattern that changes sign is left."""
+    fit = regress(scene.data, (*MODULI, FIELD), TRUTH)
+    found = structure(scene.data, fit)
+    assert abs(found.smooth) < found.by_chance < 0.02
+    assert found.persistent < -2.0 * found.by_chance  # a mean of 12 frames was taken off
+    waves = np.cos(np.linspace(0.0, np.pi, 12))[:, None, None] * scene.pattern
+    near = Scene(scene.data, fit, waves).missing(0.3)
+    found = structure(scene.data, near)
+    assert not found.significant
+    assert found.smooth == pytest.approx(0.3**2 / 2, rel=0.2)
+    assert found.smooth > 2.0 * found.by_chance
 
 
 @pytest.mark.parametrize(("gap", "betrayed"), [(4.0, True), (20.0, False)])

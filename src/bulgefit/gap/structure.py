@@ -11,7 +11,9 @@ from scipy.stats import chi2
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import has_field
+from bulgefit.gap.normal import shown
 from bulgefit.gap.regress import Regression
+from bulgefit.model.specimen import Prediction
 
 __all__ = ["Cell", "Structure", "cells_of", "structure"]
 
@@ -31,6 +33,8 @@ SMOOTH_DEGREE = 5
 CHANCE, SMOOTH_CHANCE = 4.0, 3.0
 #: Chance that noise alone looks like structure.
 LEVEL = 1e-3
+#: Products below which nothing is said of them.
+_FEW = 100
 _NAMES = ("dx", "dy", "dz")
 
 
@@ -76,7 +80,8 @@ class Structure:
     smooth, by_chance : float
         The persistent share of what is smooth in space (of the whole noise variance, too), and
         what noise stays under; of the test that is furthest beyond. Few modes hold little noise,
-        so this shows weaker patterns; nothing is granted to the model's error.
+        so this shows weaker patterns; nothing is granted to the model's error. An offset of every
+        point takes nearly all of that away: beside one, the share of all that is left counts.
     cells : list of Cell
         Largest significance first.
     """
@@ -101,9 +106,12 @@ def structure(data: Sequence[Data], fit: Regression) -> Structure:
         cells += cells_of(d, residual)
         residual = residual[np.argsort(d.specimen.recorded, kind="stable")]
         # an offset of every point takes away what persists of the noise as well
-        persistent = 0.0 if has_field(fit.keys, index) else d.persistent
-        shares.append(_persistent(d, residual, persistent))
-        smooth_shares.append(_smooth(d, residual, persistent))
+        offsets = has_field(fit.keys, index)
+        of_noise = 0.0 if offsets else d.persistent
+        shares.append(_persistent(d, residual, of_noise))
+        smooth_shares.append(
+            _beside_offsets(d, p, residual) if offsets else _smooth(d, residual, of_noise)
+        )
     persistent, allowed = max(shares, key=lambda pair: pair[0] - pair[1])
     smooth, by_chance = max(smooth_shares, key=lambda pair: pair[0] - pair[1])
     z = np.array([c.significance for c in cells])
@@ -122,12 +130,33 @@ def _persistent(data: Data, ordered: Floats, of_noise: float) -> tuple[float, fl
 
     Noise itself persists by the share `of_noise`.
     """
-    product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
-    product = product[np.isfinite(product)]
-    if len(product) < 100:
+    product = _products(ordered)
+    if len(product) < _FEW:
         return 0.0, 1.0
     chance = CHANCE * float(np.sqrt(data.inflation / len(product)))
     return float(product.mean()), of_noise + PERSISTENT + chance
+
+
+def _products(ordered: Floats) -> Floats:
+    """Of neighbouring frames' residuals (noise units), where both are known."""
+    product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
+    return np.asarray(product[np.isfinite(product)])
+
+
+def _beside_offsets(data: Data, prediction: Prediction, ordered: Floats) -> tuple[float, float]:
+    """Mean product beyond what offsets of points leave of the noise's, and chance's limit.
+
+    Taking h Σhn/Σh² off the noise n of a point leaves E[n_f n_g] = -h_f h_g/Σh². Products are
+    correlated by the square of the noise's correlation ρ, and 2 Σρ² < Σρ over the other points
+    (`bulgefit.gap.noise`: ρ falls with exp(-d/length) or faster).
+    """
+    product = _products(ordered)
+    if len(product) < _FEW:
+        return 0.0, 1.0
+    h = shown(data, prediction)[np.argsort(data.specimen.recorded, kind="stable")]
+    taken = float((h[1:] * h[:-1]).mean() / (h**2).sum())
+    inflation = 0.5 * (1.0 + data.inflation)
+    return float(product.mean()) + taken, SMOOTH_CHANCE * float(np.sqrt(inflation / len(product)))
 
 
 def _smooth(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]:
