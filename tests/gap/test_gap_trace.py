@@ -111,7 +111,7 @@ def test_one_flexible_effect_is_betrayed_as_well(
     ("cause", "completed"),
     [
         ({"initial_shape.h0": 2.5}, True),
-        ({"reference_state.z20": 0.05, "pressure_offset.offset": 0.02}, False),
+        ({"reference_state.z20": 0.1, "pressure_offset.offset": 0.02}, False),
         ({"reference_state.z20": 0.025, "pressure_offset.offset": 0.05}, True),
     ],
     ids=["dome", "reference state and offset", "offset and next to no reference state"],
