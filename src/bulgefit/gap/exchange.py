@@ -12,8 +12,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
-import numpy as np
-
 from bulgefit.gap.keys import group_keys, null_of
 from bulgefit.gap.regress import MAX_ITERATIONS, Regression
 from bulgefit.gap.search import (
@@ -130,17 +128,18 @@ def exchanged(
 ) -> tuple[Regression, Groups]:
     """Put another effect in the place of one or two, while that scores better.
 
-    Or only where a forecast has it take off `LARGELY` of what is left beyond the noise.
+    With `largely` only where a forecast has that take off `LARGELY` of what is left beyond the
+    noise.
     """
     left: list[set[str]] = []
     for _ in range(MOST_EXCHANGES):
         known = search.universe(current)
         here = _score(search, current, groups)
         left.append(set(groups))
-        most = here - LARGELY * (here - current.floor) if largely else np.inf
-        options = [
-            o for o in _promising(search, known, current, groups, here, left) if o.score < most
-        ]
+        options = _promising(search, known, current, groups, here, left)
+        if largely:
+            most = here - LARGELY * (here - current.floor)
+            options = [option for option in options if option.score < most]
         tried = _tried(search, current, groups, options, STEPS)
         better = [pair for pair in tried if pair is not None and _score(search, *pair) < here]
         if not better:
