@@ -6,16 +6,18 @@ import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import BulgefitError, InputError
+from bulgefit.errors import BulgefitError, InputError, SolveError
 from bulgefit.inverse import objective as module
 from bulgefit.inverse.crossval import crossval
-from bulgefit.inverse.fit import fit
-from bulgefit.inverse.minimise import Descent, Limits
+from bulgefit.inverse.evaluate import evaluate
+from bulgefit.inverse.fit import fit, stability
+from bulgefit.inverse.minimise import Descent, Limits, descend
 from bulgefit.inverse.multistart import starting_points
 from bulgefit.inverse.objective import Objective, TestParts
 from bulgefit.inverse.problem import Evaluation, Problem
@@ -175,6 +177,57 @@ def test_a_fit_without_any_equilibrium_says_so(make: Maker, setup: Setup) -> Non
     )
 
 
+def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
+    class OnlyStiff:
+        """A problem of one parameter, with equilibria from 0.99 of its range on."""
+
+        size = 1
+
+        def values(self, z: np.ndarray) -> dict[str, float]:
+            return {"E": float(z[0])}
+
+        def worst(self) -> float:
+            return 9.0
+
+        def evaluate(self, z: np.ndarray, *, derivatives: bool = False) -> Evaluation:
+            if z[0] < 0.99:
+                return Evaluation(self.values(z), float("nan"), "no equilibrium")
+            return Evaluation(self.values(z), 1.0, slope=np.zeros(1), fields=[])
+
+        def rows(self, at: Evaluation, z: np.ndarray) -> None:
+            raise Reached
+
+    class Reached(Exception):
+        """The linearised problem is asked for."""
+
+    with pytest.raises(Reached):
+        descend(OnlyStiff(), np.zeros(1))
+
+
+def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> None:
+    """A thin specimen is stable up to 1.5 bar, a thick one everywhere, another one nowhere."""
+    pressure = np.array([0.05, 0.15, 0.2])
+
+    def path(*stable: bool) -> SimpleNamespace:
+        return SimpleNamespace(
+            pressure=pressure, stable=np.array(stable), wrinkled=np.zeros(3, dtype=bool)
+        )
+
+    def of(paths: dict[tuple[float, float], SimpleNamespace]) -> Stability:
+        tests = [
+            SimpleNamespace(radius=100.0, thickness=t, pressure=np.array([0.1, 0.2, 0.3]))
+            for _, t in paths
+        ]
+        virtual = SimpleNamespace(paths=lambda _, derivatives: paths)
+        return stability(SimpleNamespace(virtual=virtual, tests=tests), None)
+
+    thin, thick, other = (100.0, 0.5), (100.0, 0.8), (100.0, 0.2)
+    assert of({thick: path(True, True, True)}) == Stability(None, 0, False)
+    both = {thin: path(True, True, False), thick: path(True, True, True)}
+    assert of(both) == Stability(pytest.approx(1.5), 2, False)
+    assert of({**both, other: path(False, True, True)}) == Stability(0.0, 5, False)
+
+
 def test_a_parameter_at_its_bound_is_flagged(make: Maker, setup: Setup) -> None:
     test = make(material("isotropic", E=250, nu=0.24))
     result = fit(test, material="isotropic", bounds={"E": (100, 200)}, starts=1, setup=setup)
@@ -258,6 +311,30 @@ def test_crossval_fits_the_others_and_judges_the_one_left_out(make: Maker, setup
     assert found["standard_deviation"] == pytest.approx(np.std(scores, ddof=1))
     with pytest.raises(InputError, match="needs two tests or more, got 1"):
         crossval(tests[:1], setup=setup)
+
+
+def test_crossval_goes_on_where_the_test_left_out_has_no_equilibrium(
+    make: Maker, setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails_on_b(test: BulgeTest, *rest: object, **more: object) -> dict[str, float]:
+        if test.name == "b":
+            raise SolveError(
+                "no equilibrium",
+                pressure=0.3,
+                reached=0.2,
+                iteration=9,
+                residual_norm=1.0,
+                parameters={},
+            )
+        return evaluate(test, *rest, **more)
+
+    monkeypatch.setattr("bulgefit.inverse.crossval.evaluate", fails_on_b)
+    tests = [make(material("isotropic", E=300, nu=0.24), name=name) for name in "ab"]
+    found = crossval(tests, "e", material="isotropic", starts=1, setup=setup)
+    kept, lost = (fold["left_out_objectives"] for fold in found["folds"])
+    assert lost == {"e": None, "e_w": None, "e_z": None}
+    assert found["mean"] == kept["e"]
+    assert found["standard_deviation"] is None
 
 
 def test_report_of_a_fit_that_went_badly() -> None:

@@ -121,15 +121,14 @@ def fit(
 
 def stability(objective: Objective, material: Material) -> Stability:
     """Where the model with these parameters stops being stable, against the frames."""
-    lost = []
-    wrinkled = False
-    for path in objective.virtual.paths(material, derivatives=False).values():
+    limits = []
+    beyond, wrinkled = 0, False
+    for kind, path in objective.virtual.paths(material, derivatives=False).items():
         wrinkled |= bool(path.wrinkled.any())
-        unstable = np.flatnonzero(~path.stable)
-        if len(unstable):
-            lost.append(path.pressure[max(unstable[0] - 1, 0)])
-    if not lost:
-        return Stability(None, 0, wrinkled)
-    limit = float(min(lost))
-    beyond = sum(int((test.pressure > limit).sum()) for test in objective.tests)
-    return Stability(10.0 * limit, beyond, wrinkled)
+        if path.stable.all():
+            continue
+        first = int(np.argmin(path.stable))
+        limits.append(float(path.pressure[first - 1]) if first else 0.0)
+        alike = [t for t in objective.tests if (t.radius, t.thickness) == kind]
+        beyond += sum(int((test.pressure > limits[-1]).sum()) for test in alike)
+    return Stability(10.0 * min(limits) if limits else None, beyond, wrinkled)

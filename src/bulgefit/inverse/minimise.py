@@ -185,7 +185,7 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         # a start without equilibrium: half way to the stiff end, where there is one
         z = 0.5 * (z + 1.0)
         current = recorder.evaluate(z, derivatives=True)
-        if z.min() > 0.99:
+        if not np.isfinite(current.value) and z.min() > 0.99:
             return f"no equilibrium from this start: {current.error}", False
     model = _Model(problem, current, z)
     in_vain = 0

@@ -29,10 +29,12 @@ class Stability:
     Attributes
     ----------
     stable_up_to_bar : float or None
-        Highest solved pressure with a positive definite tangent; None where none was met.
+        Highest solved pressure below which no tangent lost its positive definiteness, of the
+        specimen that loses it first; None where none does.
     frames_beyond : int
-        Frames at higher pressures. There a soft shear modulus lets the law localise in bands as
-        wide as a cell: the fields of the model and of the fabric need not agree.
+        Frames at higher pressures than their specimen's. There a soft shear modulus lets the law
+        localise in bands as wide as a cell: the fields of the model and of the fabric need not
+        agree.
     wrinkled : bool
         True where tension-field relaxation was active.
     """
