@@ -137,17 +137,32 @@ def _robust(field: Floats) -> Floats:
 
 
 def rough_part(points: Floats, field: Floats) -> Floats:
-    """What a quadratic surface through the neighbours leaves, scaled to the noise's variance."""
-    count = min(_NEIGHBOURS, len(points))
-    near = KDTree(points).query(points, k=count)[1]
-    local = points[near] - points[:, None]
-    x, y = local[..., 0] / 10.0, local[..., 1] / 10.0
+    """What a quadratic surface through the neighbours leaves, scaled to the noise's variance.
+
+    Neighbours are those that were measured in the same frame; NaN where a point was not.
+    """
+    out = np.full(field.shape, np.nan)
+    seen = np.isfinite(field).all(axis=2)
+    patterns, which = np.unique(seen, axis=0, return_inverse=True)
+    for index, here in enumerate(patterns):
+        frames = np.flatnonzero(which == index)
+        if here.sum() >= _NEIGHBOURS:
+            out[np.ix_(frames, here)] = _beyond_surface(points[here], field[np.ix_(frames, here)])
+    return out
+
+
+def _beyond_surface(points: Floats, field: Floats) -> Floats:
+    """`rough_part` of points that were all measured."""
+    away, near = KDTree(points).query(points, k=_NEIGHBOURS)
+    local = (points[near] - points[:, None]) / np.maximum(away[:, -1:, None], 1e-9)
+    x, y = local[..., 0], local[..., 1]
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    projector = np.linalg.pinv(basis)[:, 0]  # (n, count): the surface's value at the point
-    # a lost neighbour makes NaN, and the point is left out
-    smooth = np.einsum("nk,fnkc->fnc", projector, field[:, near])
+    normal = basis.swapaxes(1, 2) @ basis + 1e-9 * np.eye(6)  # points may be in a line
+    # (n, neighbours): the surface's value at the point
+    projector = (basis @ np.linalg.inv(normal)[:, 0, :, None])[..., 0]
+    smooth = (projector[:, None] @ field[:, near])[..., 0, :]
     left = np.sqrt(np.maximum(1.0 - projector[:, 0], 0.05))  # hat value of the point itself
-    return (field - smooth) / left[None, :, None]
+    return np.asarray((field - smooth) / left[None, :, None])
 
 
 def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Noise:
@@ -161,6 +176,8 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Nois
     product = samples @ samples.T / samples.shape[1]
     edges = np.linspace(0.0, REACH, 17)
     own = float(np.mean(np.diag(product)))
+    if own == 0.0:
+        return Noise(sigma, 0.0, 0.0, 1.0, source)
     off = ~np.eye(len(chosen), dtype=bool)
     centres, correlation, weight = [], [], []
     for low, high in pairwise(edges):
@@ -175,9 +192,9 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Nois
         np.array(centres), np.array(correlation), np.array(weight)
     )
     # density of measured points times the area under the correlation
-    tree = KDTree(points)
-    spacing = float(np.median(tree.query(points, k=2)[0][:, 1]))
-    inflation = 1.0 + area / spacing**2
+    away = KDTree(points).query(points, k=_NEIGHBOURS + 1)[0][:, -1]
+    density = (_NEIGHBOURS + 0.5) / (np.pi * float(np.median(away)) ** 2)
+    inflation = 1.0 + density * area
     return Noise(sigma, length, share, float(np.clip(inflation, 1.0, 200.0)), source)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
@@ -46,8 +46,6 @@ class Prepared:
     ----------
     data : Data
     noise : Noise
-    frames : (used,) int array
-        Frames of the test that are judged.
     rough_from : float or None
         Pressure (bar) from which frames were left out, because the fabric deforms in bands that
         no smooth model follows.
@@ -61,7 +59,6 @@ class Prepared:
 
     data: Data
     noise: Noise
-    frames: NDArray[np.intp]
     rough_from: float | None
     discretisation: Floats
     mesh_error: Floats | None = None
@@ -74,11 +71,17 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     Raises
     ------
     InputError
-        Too few points or frames to judge.
+        Too few points or frames to judge, or a component that was never measured.
     """
     test = _one_block(test)
     (block,) = test.blocks
-    points = int(block.measured.any(axis=0).sum())
+    lost = ~np.isfinite(block.displacement).any(axis=(0, 1))
+    if lost.any():
+        raise InputError(
+            f"{test.name}: {', '.join(np.array(['dx', 'dy', 'dz'])[lost])} was never measured; a "
+            "gap is judged by all three components (bulgefit fit needs dz alone)"
+        )
+    points = int(_complete(block).any(axis=0).sum())
     if points < LEAST_POINTS:
         raise InputError(
             f"{test.name}: {points} points are too few to judge a gap; "
@@ -101,7 +104,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     specimen = Specimen(test, refine=COARSE, law=law, threads=threads)
     used = np.isfinite(block.displacement)
     data = Data(specimen, noise.sigma, used, noise.inflation)
-    return Prepared(data, noise, frames, rough_from, np.zeros(3))
+    return Prepared(data, noise, rough_from, np.zeros(3))
 
 
 def _one_block(test: BulgeTest) -> BulgeTest:
@@ -113,30 +116,36 @@ def _one_block(test: BulgeTest) -> BulgeTest:
     )
 
 
+def _complete(block: Block) -> NDArray[np.bool_]:
+    """Points of frames (frames, n) of which all three components were measured."""
+    return np.asarray(np.isfinite(block.displacement).all(axis=2))
+
+
 def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
     """Frames with pressure, up to the one where the field turns rough; thinned evenly."""
     (block,) = test.blocks
     order = np.argsort(test.pressure, kind="stable")
     frames = order[test.pressure[order] > 0.0]
-    frames = np.array([f for f in frames if block.measured[f].sum() >= LEAST_POINTS], dtype=np.intp)
+    frames = frames[_complete(block)[frames].sum(axis=1) >= LEAST_POINTS]
     if len(frames) < LEAST_FRAMES:
         return frames, None
     points = np.asarray(block.reference[:, :2], dtype=float)
     rough = rough_part(points, np.asarray(block.displacement[frames], dtype=float))
     level = np.sqrt(np.nanmean(np.clip(rough, -1.0, 1.0)[..., :2] ** 2, axis=(1, 2)))
-    usual = np.median(level[: max(3, len(level) // 3)])
+    usual = np.nanmedian(level[: max(3, len(level) // 3)])
     wild = np.flatnonzero(level > ROUGH * usual)
     rough_from = None
-    if len(wild) and (level[wild[0] :] > 0.7 * ROUGH * usual).all():
-        rough_from = 10.0 * float(test.pressure[frames[wild[0]]])
-        frames = frames[: max(wild[0] - 1, 0)]
+    if len(wild) and not (level[wild[0] :] <= 0.7 * ROUGH * usual).any():
+        first = max(int(wild[0]) - 1, 0)  # the frame before may already begin to
+        rough_from = 10.0 * float(test.pressure[frames[first]])
+        frames = frames[:first]
     if len(frames) > MOST_FRAMES:
         frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int))]
     return frames, rough_from
 
 
 def _thinned(test: BulgeTest) -> BulgeTest:
-    """At most MOST_POINTS, spread evenly: the point nearest each centre of a square grid."""
+    """About MOST_POINTS, spread evenly: the point nearest each centre of a square grid."""
     (block,) = test.blocks
     count = len(block.reference)
     if count <= MOST_POINTS:
@@ -235,6 +244,7 @@ def renew(prepared: Prepared, fit: Regression, index: int) -> None:
         correct_discretisation(prepared, shapes)
     except SolveError:
         specimen.correction = None
+        prepared.discretisation = np.zeros(3)
     if fit.offsets[index] is None:
         renew_noise(prepared, specimen.observe(shapes).displacement)
 
