@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
+from bulgefit.gap.keys import at_edge
 from bulgefit.gap.noise import estimate_noise
 from bulgefit.model.specimen import Specimen
 from bulgefit.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 SIGMA = np.array([0.006, 0.006, 0.012])
-CANDIDATES = ("pressure_offset", "clamp_slip", "axis_misalignment", "rigid_motion")
+CANDIDATES = ("pressure_offset", "clamp_slip", "axis_misalignment", "rigid_motion", "creep")
 
 
 def made(
@@ -218,6 +219,12 @@ def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:
     assert offset.skipped == {"creep": "the test has no time"}
 
 
+def test_tests_of_different_poisson_ratios_are_refused(offset: Diagnosis) -> None:
+    (test,) = offset.tests
+    with pytest.raises(InputError, match=r"different Poisson ratios \(0\.24, 0\.3\)"):
+        diagnose([test, replace(test, poisson_ratio=0.3)])
+
+
 @pytest.mark.parametrize("static", [True, False])
 def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     """Moduli from one specimen; the other's own offset from half of its frames."""
@@ -236,3 +243,44 @@ def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     assert kept.baseline["e_w"] > 3 * kept.explained["e_w"]
     assert found.to_dict()["holdout"]["test"] == "other"
     assert [w for w in found.warnings if w.startswith("other: 1 of")]
+
+
+def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
+    offset: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise SolveError(
+            "no equilibrium",
+            pressure=0.3,
+            reached=0.2,
+            iteration=9,
+            residual_norm=1.0,
+            parameters={},
+        )
+
+    monkeypatch.setattr("bulgefit.gap.diagnosis.judge_held_out", fails)
+    (test,) = offset.tests
+    found = diagnose(test, holdout=test, effects=CANDIDATES)
+    assert found.holdout is None
+    assert [c.effect for c in found.causes] == ["pressure_offset"]
+    (warning,) = found.warnings
+    assert "the held-out test could not be met with what was found: no equilibrium" in warning
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "edge"),
+    [
+        ("clamp_slip.compliance", -1e-12, False),
+        ("clamp_slip.compliance", 5e-5, False),
+        ("clamp_slip.compliance", 0.1, True),
+        ("dic_smoothing.window", 0.0, False),
+        ("poisson_ratio.nu12", -1e-12, True),
+        ("poisson_ratio.nu12", 0.24, False),
+        ("pressure_offset.offset", 0.0, False),
+        ("pressure_offset.offset@1", -0.06, True),
+        ("nonlinear_material.knee_x", 0.004, True),
+        ("E1", 20.0, True),
+    ],
+)
+def test_what_lies_at_the_edge_of_what_is_plausible(key: str, value: float, edge: bool) -> None:
+    assert at_edge(key, value) is edge

@@ -54,3 +54,13 @@ def test_a_mode_and_how_it_grows(points: np.ndarray, growth: str, order: int) ->
     np.testing.assert_allclose(np.abs(mode.amplitude), size, rtol=0.02, atol=1e-3)
     others = [m for (_, n), m in found.items() if n != order]
     assert {m.growth for m in others} == {"within noise"}
+
+
+def test_the_stated_error_is_that_of_the_amplitudes(points: np.ndarray) -> None:
+    rng = np.random.default_rng(4)
+    found = [modes(0.01 * rng.normal(size=(len(BARS), len(points))), points) for _ in range(40)]
+    for order in (0, 2):
+        several = [m["dz", order] for m in found]
+        # along its own mean direction an amplitude is a little larger, by what that one fits
+        spread = np.sqrt(np.mean([m.amplitude**2 for m in several]))
+        assert spread == pytest.approx(several[0].noise, rel=0.1)

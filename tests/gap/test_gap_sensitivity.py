@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.fem.clamp import LEAST_COMPLIANCE
 from bulgefit.gap.effects import CATALOGUE
 from bulgefit.model.specimen import Specimen
 
@@ -104,6 +105,19 @@ def test_derivative_is_that_of_differences(
         # the nodes nearest a point may change on the way, and the field jumps by micrometres
         miss = miss[:, np.sort(np.argsort(miss.max(axis=(0, 2)))[:-2])]
     assert miss.max() < (2e-3 if window else 5e-4) * size
+
+
+def test_a_clamp_that_does_not_slip_yet_may_begin_to(specimen: Specimen) -> None:
+    """At the null, which stands for the least compliance of the springs, there is one side."""
+    key = "clamp_slip.compliance"
+    (exact,) = specimen.predict(MODULI, [key]).derivative
+    step = 2e-5
+    low, middle, high = (
+        specimen.predict({**MODULI, key: LEAST_COMPLIANCE + c}).displacement
+        for c in (0.0, 0.5 * step, step)
+    )
+    one_sided = (4.0 * middle - 3.0 * low - high) / step  # of second order
+    np.testing.assert_allclose(exact, one_sided, atol=0.01 * np.abs(one_sided).max())
 
 
 def _change(specimen: Specimen, **changed: float) -> np.ndarray:

@@ -135,6 +135,13 @@ def test_strike_takes_out_the_true_effect_alone(tmp_path):
             assert line["right"]
 
 
+def test_strike_keeps_to_the_effects_that_were_asked_for(tmp_path):
+    asked = ["creep", "clamp_slip"]
+    small(tmp_path, 1, kinds=["clamp_slip"], strike=True, options={"effects": asked})
+    (answer,) = (tmp_path / "trial" / "answers").glob("*.json")
+    assert json.loads(answer.read_text())["given"]["effects"] == ["creep"]
+
+
 def test_a_failure_is_an_answer_that_is_not_right(tmp_path):
     result = small(tmp_path, 1, kinds=["none"], diagnose=broken)
     assert result["tests"][0]["error"] == "ValueError: too few points"

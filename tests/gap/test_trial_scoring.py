@@ -49,6 +49,9 @@ SLIP, PRE = ("clamp_slip",), ("prestrain",)
         (record(SLIP + PRE, "named", SLIP), False),
         (record(SLIP + PRE, "ambiguous", ("clamp_slip", "prestrain")), False),
         (record(SLIP + PRE, "ambiguous", ("clamp_slip", "prestrain"), SLIP), True),
+        (record(SLIP + PRE, "ambiguous", SLIP + PRE, ("clamp_slip", "dic_scale")), True),
+        (record(PRE + SLIP, "ambiguous", SLIP + PRE, ("prestrain", "dic_scale")), True),
+        (record(PRE + SLIP, "ambiguous", ("dic_scale", "prestrain"), PRE), False),
         (record(("pressure_gain",), "none"), True),
         (record(("pressure_gain",), "named", SLIP), False),
         (record(("poisson_ratio",), "none"), True),
@@ -126,12 +129,13 @@ def test_figures_and_table():
         record(SLIP, "none"),
         record(("lobed_rim",), "unknown", kind="foreign"),
         record(SLIP, "unknown", struck=SLIP),
+        record(("creep",), "unknown", ("creep",)),
         record(PRE, "failed", error="broke"),
     ]
     scores = score(records)
     assert scores["false_alarms"]["hits"] == 1
     assert scores["false_alarms"]["of"] == 2
-    assert (scores["found"]["hits"], scores["found"]["of"]) == (1, 3)
+    assert (scores["found"]["hits"], scores["found"]["of"]) == (1, 4)
     assert scores["foreign_unknown"]["share"] == 1.0
     assert scores["struck_right"]["share"] == 1.0
     assert scores["failed"] == 1
@@ -140,6 +144,7 @@ def test_figures_and_table():
     slip = scores["detectable"]["clamp_slip"]
     assert (slip["found"], slip["tests"]) == (1, 2)
     assert slip["smallest_found_mm"] == slip["largest_missed_mm"] == 0.1
+    assert scores["detectable"]["creep"]["found"] == 0  # a part of what is unknown is no find
     text = report(scores)
     assert "1/2 = 50.0 %" in text
     assert "largest missed" in text

@@ -150,7 +150,7 @@ def _effects(text: str | None) -> list[str] | None:
     names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not names:
         raise InputError("--effects: give one or more names, such as clamp_slip,prestrain")
-    chosen_effects(names, has_time=True)
+    chosen_effects(names)
     return names
 
 

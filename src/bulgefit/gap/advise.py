@@ -14,13 +14,14 @@ from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Explanation
+from bulgefit.gap.keys import specimen_values
 from bulgefit.model.specimen import Shapes, Specimen
 
 __all__ = ["Advice", "advise"]
 
 Floats = NDArray[np.float64]
 
-#: Standard error (mm) of a shape measured without pressure, of a rim point's displacement.
+#: Standard error (mm) of a shape measured without pressure.
 SHAPE_ERROR = 0.05
 
 
@@ -46,8 +47,8 @@ class Advice:
 def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     """Measurements ranked by the separation that the sensitivities predict.
 
-    The leading ambiguity is the last effect taken against its closest rival; without one, the
-    two candidates that came closest to each other.
+    The leading ambiguity is the first effect that has a rival against that; without one, what the
+    last round took, or would have taken, against the candidate that came next.
     """
     pair = _leading(found)
     if pair is None:
@@ -56,7 +57,7 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     d = data[0]
     names = [*MODULI, *_first_group(first), *_first_group(second)]
     rival = len(_first_group(second))
-    size = {name: _plausible(name) for name in names}
+    size = np.array([_plausible(name) for name in names[len(names) - rival :]])
     here = found.final.predictions[0].shapes
     base = _normal(d, d.specimen, found, names, near=here)
     options: dict[str, Callable[[], Floats]] = {
@@ -80,9 +81,7 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     ranked = []
     for name, normal in options.items():
         with suppress(BulgefitError):  # where nothing balances, there is nothing to measure
-            ranked.append(
-                Advice(name, _separation(normal(), rival, names, size, d.inflation), pair)
-            )
+            ranked.append(Advice(name, _separation(normal(), size, d.inflation), pair))
     return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
 
 
@@ -104,9 +103,7 @@ def _first_group(effect: str) -> tuple[str, ...]:
 
 
 def _plausible(name: str) -> float:
-    """A tenth of the plausible range of an effect's parameter; a tenth of a modulus."""
-    if name in MODULI:
-        return 20.0
+    """A tenth of the plausible range of an effect's parameter."""
     effect, _, parameter = name.partition(".")
     (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
     return 0.1 * (found.upper - found.lower)
@@ -122,13 +119,15 @@ def _normal(
     turned: bool = False,
 ) -> Floats:
     """Normal matrix of a (further) measurement with the final model's parameters."""
-    values = {k.partition("@")[0]: v for k, v in found.final.values.items() if not k.endswith("@1")}
+    values = specimen_values(found.final.values, 0)
     if turned:
         values = {
             **values,
             "axis_misalignment.angle": values.get("axis_misalignment.angle", 0) + 90,
         }
     rows = specimen.predict(values, names, near).derivative / d.sigma
+    if specimen is d.specimen:
+        rows = np.where(d.used, rows, 0.0)
     flat = rows.reshape(len(names), -1)
     return flat @ flat.T
 
@@ -188,14 +187,13 @@ def _only(names: Sequence[str], effect: str, weight: float) -> Floats:
     return np.diag([weight if n.startswith(effect) else 0.0 for n in names])
 
 
-def _separation(
-    h: Floats, rival: int, names: Sequence[str], size: dict[str, float], inflation: float
-) -> float:
-    """Largest signal of the second effect, at a plausible size, that the rest cannot imitate."""
-    own = slice(len(names) - rival, len(names))
-    rest = slice(0, len(names) - rival)
+def _separation(h: Floats, size: Floats, inflation: float) -> float:
+    """Largest signal of the second effect, at a plausible size, that the rest cannot imitate.
+
+    Its parameters are the last of the normal matrix.
+    """
+    first = len(h) - len(size)
+    rest, own = slice(0, first), slice(first, None)
     left = h[own, own] - h[own, rest] @ np.linalg.pinv(h[rest, rest], hermitian=True) @ h[rest, own]
-    sizes = np.array([size[n] for n in names[own]])
-    return float(
-        np.sqrt(max(np.linalg.eigvalsh(left * np.outer(sizes, sizes)).max(), 0.0) / inflation)
-    )
+    signal = np.linalg.eigvalsh(left * np.outer(size, size)).max()
+    return float(np.sqrt(max(signal, 0.0) / inflation))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
@@ -21,6 +21,7 @@ from bulgefit.gap.holdout import HeldOutTest, judge_held_out
 from bulgefit.gap.keys import at_edge, columns_of, is_field
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
+from bulgefit.gap.normal import shown
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
@@ -225,7 +226,8 @@ def diagnose(
     Raises
     ------
     InputError
-        A test with too few points or frames to judge, unknown effects.
+        A test with too few points or frames to judge, or without one of the components; unknown
+        effects; tests that state different Poisson ratios.
     SolveError
         The baseline finds no equilibrium.
     """
@@ -234,8 +236,10 @@ def diagnose(
     if not given:
         raise InputError("no bulge test was given")
     has_time = all(t.time is not None for t in given)
-    candidates = chosen_effects(effects, has_time=has_time)
-    skipped = {} if has_time else {"creep": "the test has no time"}
+    wanted = chosen_effects(effects)
+    candidates = [e for e in wanted if has_time or not e.needs_time]
+    skipped = {e.id: "the test has no time" for e in wanted if e not in candidates}
+    _same_ratio(given)
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
         prepared = [prepare(test, law, workers) for test in given]
@@ -268,10 +272,15 @@ def diagnose(
             pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
         causes = _causes(found, data)
         advice = advise(data, found)
-        met = None
+        met, unmet = None, list[str]()
         if kept_out is not None:
             say("held-out test")
-            met = judge_held_out(kept_out, found, weight)
+            try:
+                met = judge_held_out(kept_out, found, weight)
+            except SolveError as error:
+                unmet = [f"the held-out test could not be met with what was found: {error}"]
+            if "creep" in found.groups and kept_out.data.specimen.time is None:
+                unmet.append("the held-out test has no time: it was met without creep")
     return Diagnosis(
         verdict=_verdict(found, causes),
         causes=causes,
@@ -290,8 +299,20 @@ def diagnose(
             *_left_out([*prepared, *([kept_out] if kept_out else [])]),
             *_left_of_the_mesh(prepared),
             *_held(found),
+            *unmet,
         ],
     )
+
+
+def _same_ratio(tests: Sequence[BulgeTest]) -> None:
+    """Specimens judged together share the material, of which each test states Poisson's ratio."""
+    ratios = sorted({t.poisson_ratio for t in tests})
+    if len(ratios) > 1:
+        raise InputError(
+            f"the tests state different Poisson ratios ({', '.join(f'{r:g}' for r in ratios)}), "
+            "but specimens judged together share the material: diagnose them one by one, or state "
+            "one ratio in their files"
+        )
 
 
 def _baseline(prepared: Sequence[Prepared]) -> Regression:
@@ -369,10 +390,14 @@ def _cause(
 def _offset_sizes(key: str, final: Regression, data: Sequence[Data]) -> dict[str, dict[str, Any]]:
     """Root mean square over the points of their offsets, and of the offsets' errors."""
     name, _, owner = key.partition(".")[2].partition("@")
-    d, offset = data[int(owner or 0)], final.offsets[int(owner or 0)]
+    index = int(owner or 0)
+    d, offset = data[index], final.offsets[index]
     assert offset is not None
-    frames = np.maximum(d.used.sum(axis=0), 1)
-    size, error = np.sqrt((offset**2).mean(axis=0)), d.sigma * np.sqrt((1.0 / frames).mean(axis=0))
+    # an offset is the sum of h r over that of h², h being what shows of it in a frame
+    weight = np.tensordot(shown(d, final.predictions[index]) ** 2, d.used, 1)
+    known = weight > 0
+    size = np.sqrt((offset**2).mean(axis=0, where=known))
+    error = d.sigma * np.sqrt((1.0 / np.where(known, weight, 1.0)).mean(axis=0, where=known))
     end = f"@{owner}" if owner else ""
     return {
         f"{name}_{axis}{end}": {"value": float(s), "stderr": float(e), "unit": "mm"}

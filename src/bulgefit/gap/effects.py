@@ -240,8 +240,8 @@ CATALOGUE: dict[str, Effect] = {
 STEADY = frozenset(f"{effect.id}.{name}" for effect in CATALOGUE.values() for name in effect.steady)
 
 
-def chosen_effects(names: Iterable[str] | None, *, has_time: bool) -> list[Effect]:
-    """Effects by id (default: all), without those that the data cannot carry.
+def chosen_effects(names: Iterable[str] | None) -> list[Effect]:
+    """Effects by id (default: all).
 
     Raises
     ------
@@ -254,4 +254,4 @@ def chosen_effects(names: Iterable[str] | None, *, has_time: bool) -> list[Effec
         raise InputError(
             f"effects: {', '.join(unknown)} unknown; choose from {', '.join(CATALOGUE)}"
         )
-    return [CATALOGUE[n] for n in wanted if has_time or not CATALOGUE[n].needs_time]
+    return [CATALOGUE[n] for n in wanted]

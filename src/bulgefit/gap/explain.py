@@ -71,8 +71,8 @@ class Explanation:
     groups : dict of effect id to its freed keys
     evidence : dict of effect id to Evidence
     rounds : list of Round
-    remainder : Structure
-        Of the final model's residual.
+    start, remainder : Structure
+        Of the baseline's residual and of the final model's.
     doubt : Doubt
         Why the effects do not explain the gap; "" where they do.
     """

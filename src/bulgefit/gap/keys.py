@@ -79,9 +79,14 @@ def bounds_of(key: str) -> tuple[float, float]:
 
 
 def at_edge(key: str, value: float) -> bool:
-    """Whether a freed parameter, not at zero, sits at the edge of its plausible range."""
+    """Whether a freed parameter sits at the edge of its plausible range.
+
+    A range that begins at zero begins at the null (but that of nu12), which is no edge.
+    """
     low, high = bounds_of(key)
-    return bool(min(value - low, high - value) < 1e-3 * (high - low) and value != 0.0)
+    near = 1e-3 * (high - low)
+    begins_at_null = low == 0.0 and key.partition("@")[0] != "poisson_ratio.nu12"
+    return bool(high - value < near or (value - low < near and not begins_at_null))
 
 
 def start_of(key: str, data: Sequence[Data]) -> float:

@@ -74,7 +74,9 @@ def azimuthal_modes(data: Sequence[Data], fit: Regression) -> list[Mode]:
                 length = np.linalg.norm(mean)
                 direction = mean / length if length > 0 else np.array([1.0, 0.0])
                 signed = both @ direction
-                error = float(s * np.sqrt(2.0 * d.inflation / max(ring.sum(), 1)))
+                # of a mean, and of the amplitude of a wave
+                share = 1.0 if m == 0 else 2.0
+                error = float(s * np.sqrt(share * d.inflation / max(ring.sum(), 1)))
                 modes.append(
                     Mode(
                         d.specimen.test.name,

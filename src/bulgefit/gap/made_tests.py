@@ -177,7 +177,7 @@ def _pressures(drawn: Draw, rng: Generator, frames: int) -> Floats:
     step = (high - low) / (frames - 1)
     bar = low + step * (np.arange(frames) + rng.uniform(-0.35, 0.35, size=frames))
     bar[0], bar[-1] = low, high
-    # a gauge that reads too much may not make the first true pressure vanish
+    # a gauge that reads too little may not make the first recorded pressure vanish
     true = bar + max(0.0, 0.01 - drawn.get("pressure_offset.offset") - low)
     gain = 1.0 + drawn.get("pressure_gain.gain")
     return _BAR * (true * gain + drawn.get("pressure_offset.offset"))

@@ -11,6 +11,7 @@ from bulgefit.gap.data import FOLDS, Data
 from bulgefit.gap.keys import chain_factor, has_field, names_of, specimen_values
 from bulgefit.gap.normal import offsets_change, offsets_of, shown
 from bulgefit.gap.regress import Regression
+from bulgefit.inverse.objective import displacement_weight
 
 __all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
 
@@ -20,8 +21,6 @@ Gap = dict[str, float]
 
 def weight_of(data: Sequence[Data]) -> float:
     """Weight of dz in e_w from the maxima of the tests, as for the fit's objective."""
-    from bulgefit.inverse.objective import displacement_weight
-
     return displacement_weight([d.specimen.test for d in data])
 
 

@@ -7,6 +7,7 @@ A record is a dict of `file`, `truth` (as `made_tests` writes it), `answer` (as 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import permutations
 from math import isfinite, sqrt
 from statistics import median
 from typing import Any
@@ -74,13 +75,13 @@ def _covers(needed: Sequence[str], allowed: Sequence[str], answer: Mapping[str, 
     causes = [_names(cause) for cause in answer.get("causes", ())]
     if not causes or any(len(names) > LARGEST_SET for names in causes):
         return False
-    for effect in needed:
-        # exact answers before sets, so that a set is left for the effect that needs it
-        fitting = sorted((c for c in causes if effect in c), key=len)
-        if not fitting:
-            return False
-        causes.remove(fitting[0])
-    return all(names & {*allowed} for names in causes)
+    # which cause is meant for which effect: any order in which all fit
+    return any(
+        all(effect in names for effect, names in zip(needed, order, strict=False))
+        and all(names & {*allowed} for names in order[len(needed) :])
+        for order in permutations(causes)
+        if len(order) >= len(needed)
+    )
 
 
 def _names(cause: Mapping[str, Any]) -> set[str]:
@@ -267,8 +268,9 @@ def _detectable(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
     for record in records:
         truth = record["truth"]
         if truth["kind"] == "one":
-            found = any(
-                truth["effects"][0] in _names(c) for c in record["answer"].get("causes", ())
+            answer = record["answer"]
+            found = answer.get("verdict") in ("named", "ambiguous") and any(
+                truth["effects"][0] in _names(c) for c in answer.get("causes", ())
             )
             size = truth["signature_mm"], truth["signature_left_mm"]
             sizes.setdefault(truth["effects"][0], {True: [], False: []})[found].append(size)

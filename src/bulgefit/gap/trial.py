@@ -277,7 +277,8 @@ def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose | None]
             f"{path}: not seen from {socket.gethostname()}; name a folder that all workers share"
         )
     if struck:
-        options = {**options, "effects": [e for e in KNOWN if e not in struck]}
+        offered = options.get("effects") or KNOWN
+        options = {**options, "effects": [e for e in offered if e not in struck]}
     return diagnose_file(path, options, diagnose)
 
 

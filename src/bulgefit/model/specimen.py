@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
+from bulgefit.fem.clamp import LEAST_COMPLIANCE
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
@@ -392,13 +393,10 @@ class _Difference:
         here = values.get(name, 0.0)
         low, high = here - step, here + step
         if name == "clamp_slip.compliance":
-            from bulgefit.fem.clamp import LEAST_COMPLIANCE
-
-            here = max(here, LEAST_COMPLIANCE)
-            low, high = here * (1 - 1e-3), here * (1 + 1e-3)
-            # the springs' stiffness is 1/c: d(1/c) over the difference of 1/c
-            self._scale = (1 / high - 1 / low) / (-1 / here**2) / (high - low)
-            self._scale = 1.0 / self._scale
+            # to one side, since there is none below the least; exact, as the force goes with 1/c
+            low = max(here, LEAST_COMPLIANCE)
+            high = low * (1 + 1e-3)
+            self._scale = high / low
         pairs = [{**values, name: v} for v in (low, high)]
         self._membranes = tuple(specimen.membrane(v) for v in pairs)
         self._stiffness = tuple(_stiffness(v) for v in pairs)
