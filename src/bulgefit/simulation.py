@@ -168,8 +168,15 @@ def simulate(
         raise InputError(f"angle must be finite, got {angle:g} degree")
     if not isinstance(parameters, Material):
         parameters = material("orthotropic", **parameters)
+    if mesh is None:
+        mesh = disc(radius)
+    if mesh.apex in mesh.rim:
+        raise InputError(
+            "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
+            "centre, with nodes inside"
+        )
     membrane = Membrane(
-        disc(radius) if mesh is None else mesh,
+        mesh,
         thickness,
         law,
         relaxation=relaxation,

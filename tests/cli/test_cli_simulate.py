@@ -188,7 +188,10 @@ BAD = {
     "mesh of what": (["--mesh", "other.npz"], "other.npz: not a mesh, it has no nodes and no"),
     "mesh and refine": (["--mesh", "m.npz", "--refine", "2"], "do not go together"),
     "mesh and radius": (["--mesh", "m.npz", "--radius", "50"], "m.npz reaches 100 mm"),
-    "refine": (["--refine", "0"], "refine must be 1 or more"),
+    "refine": (["--refine", "0"], "refine must be 1 to 200, got 0"),
+    "mesh of one cell": (["--mesh", "one.npz"], "lies on its rim; give a disc about the"),
+    "mesh elsewhere": (["--mesh", "far.npz"], "lies on its rim; give a disc about the"),
+    "mesh in two": (["--mesh", "two.npz"], "mesh: its cells fall into 2 parts"),
     "radius": (["--radius", "-1"], "--radius -1: give a length above 0 mm"),
     "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
     "angle": (["--angle", "nan"], "--angle nan"),
@@ -215,6 +218,10 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
     mesh = disc(100.0, 1)
     np.savez("m.npz", nodes=mesh.nodes, cells=mesh.cells)
     np.savez("other.npz", something=mesh.nodes)
+    np.savez("one.npz", nodes=[[-50, -50], [50, -50], [50, 50], [-50, 50]], cells=[[0, 1, 2, 3]])
+    np.savez("far.npz", nodes=mesh.nodes + np.array([500.0, 0.0]), cells=mesh.cells)
+    nodes = np.concatenate([mesh.nodes, mesh.nodes + np.array([300.0, 0.0])])
+    np.savez("two.npz", nodes=nodes, cells=[*mesh.cells, *(mesh.cells + len(mesh.nodes))])
     Path("there.json").touch()
     Path("path_0000.vtu").touch()
     before = sorted(os.listdir())

@@ -7,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from bulgefit.errors import InputError
 
@@ -14,6 +16,8 @@ __all__ = ["DEFAULT_REFINE", "Mesh", "disc", "rectangle"]
 
 #: `disc` cells are 57 refine²: 912 cells, 961 nodes.
 DEFAULT_REFINE = 4
+#: 2.3 million cells, for which memory ends.
+MOST_REFINE = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +41,8 @@ class Mesh:
         Raises
         ------
         InputError
-            Wrong shapes, node numbers out of range, nodes of no cell, or cells that are
-            degenerate or not convex.
+            Wrong shapes, node numbers out of range, nodes of no cell, cells that are degenerate
+            or not convex, or that do not hang together.
         """
         points = np.ascontiguousarray(nodes, dtype=np.float64)
         quads = np.array(cells, dtype=np.int64)
@@ -61,6 +65,9 @@ class Mesh:
         bad = np.flatnonzero(~clockwise & (corner <= 0).any(axis=1))
         if len(bad):
             raise InputError(f"mesh: cell {bad[0]} is degenerate or not convex ({len(bad)} such)")
+        parts = _parts(len(points), quads)
+        if parts > 1:
+            raise InputError(f"mesh: its cells fall into {parts} parts; give a single membrane")
         return cls(points, quads)
 
     @cached_property
@@ -89,6 +96,13 @@ def _corner_areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDAr
     return ahead[..., 0] * behind[..., 1] - ahead[..., 1] * behind[..., 0]
 
 
+def _parts(count: int, cells: NDArray[np.int64]) -> int:
+    """Pieces that cells with common nodes make of so many nodes."""
+    ends = np.roll(cells, -1, axis=1)
+    joined = coo_array((np.ones(cells.size), (cells.ravel(), ends.ravel())), shape=(count, count))
+    return int(connected_components(joined, directed=False, return_labels=False))
+
+
 def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     """An O-grid: a rounded square in the middle, a ring of rays round it.
 
@@ -101,8 +115,8 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     refine : int
         Cells grow as 57 refine² (refine 4: 912 cells, 961 nodes).
     """
-    if refine < 1:
-        raise InputError(f"mesh: refine must be 1 or more, got {refine}")
+    if not 1 <= refine <= MOST_REFINE:
+        raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
     side, ring = 3 * refine, 4 * refine
     core = 0.42  # half diagonal of the middle square over the radius
     t = np.linspace(-1.0, 1.0, side + 1)

@@ -112,10 +112,11 @@ class VirtualTests:
     def _membrane(self, test: BulgeTest) -> Membrane:
         setup = self.setup
         mesh = setup.mesh or disc(test.radius, setup.refine)
-        rim = float(np.sqrt((mesh.nodes**2).sum(axis=1)).max())
-        if abs(rim / test.radius - 1) > 1e-3:
+        rim = np.hypot(*mesh.nodes[mesh.rim].T)
+        if np.abs(rim / test.radius - 1).max() > 1e-3:
             raise InputError(
-                f"mesh: its rim lies at {rim:g} mm, the clamp of {test.name} at {test.radius:g} mm"
+                f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
+                f"the clamp of {test.name} at {test.radius:g} mm; give a mesh of that disc"
             )
         return Membrane(
             mesh,
