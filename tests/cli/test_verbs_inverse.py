@@ -209,6 +209,10 @@ SEARCH = {
 }  # fmt: skip
 
 
+#: One forward path.
+QUICK = ["--starts", "1", "--max-evaluations", "1"]
+
+
 @pytest.mark.parametrize("case", SEARCH)
 @pytest.mark.parametrize("verb", ["fit", "crossval"])
 def test_bad_searches(verb, case, folder, capsys):
@@ -225,8 +229,9 @@ COMPARISON = {
     "max pressure": (["--max-pressure", "0.01"], "--max-pressure 0.01: every frame of good"),
     "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
     "mesh": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),
-    "mesh of another radius": (["--mesh", "mesh.npz"], "rim"),
-    "refine": (["--refine", "0"], "refine must be 1 or more"),
+    "mesh of another radius": (["--mesh", "mesh.npz"], "its rim lies 50 to 50 mm from the centre"),
+    "mesh elsewhere": (["--mesh", "beside.npz"], "its rim lies 23.7393 to 99.1788 mm from the"),
+    "refine": (["--refine", "0"], "refine must be 1 to 200, got 0"),
     "linear solver": (["--linear-solver", "abacus"], "abacus"),
     "format": (["--format", "png"], "unknown format 'png'"),
     "columns of an npz": (["--columns", "x=X"], "has no option 'columns'"),
@@ -243,6 +248,8 @@ COMPARISON = {
 def test_bad_comparisons(verb, case, folder, capsys):
     small = disc(50.0, 1)
     np.savez("mesh.npz", nodes=small.nodes, cells=small.cells)
+    shrunk = disc(60.0, 1)
+    np.savez("beside.npz", nodes=shrunk.nodes + np.array([40.0, 0.0]), cells=shrunk.cells)
     words, message = COMPARISON[case]
     refused(capsys, folder, message, verb, "good.npz", "other.npz", *VERBS[verb], *words)
 
@@ -263,6 +270,14 @@ EVALUATED = {
 def test_bad_materials(case, folder, capsys):
     words, message = EVALUATED[case]
     refused(capsys, folder, message, "evaluate", "good.npz", *words)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_ratios_that_differ(verb, folder, arrays, capsys):
+    np.savez("stiffer.npz", **{**arrays, "poisson_ratio": np.float64(0.3)})
+    words = [verb, "good.npz", "stiffer.npz", *VERBS[verb], "--refine", "1", "--quiet"]
+    refused(capsys, folder, "Poisson ratios (0.24, 0.3); say which one holds for all", *words)
+    assert run(*words, "--nu12", "0.3", *([] if verb == "evaluate" else QUICK)) == 0
 
 
 def test_one_test_cannot_be_left_out(folder, capsys):

@@ -52,11 +52,14 @@ def run(args: argparse.Namespace) -> int:
     options = _inverse.comparison_options(args, tests)
 
     from bulgefit.inverse.evaluate import evaluate, evaluate_resting
+    from bulgefit.inverse.problem import stated_ratio
 
     if args.undeformed:
         result = evaluate_resting(tests, **options)
     else:
-        material = _common.material_from(args, tests[0].poisson_ratio)
+        given = args.nu12 is not None or args.nu is not None or args.G is not None
+        ratio = tests[0].poisson_ratio if given else stated_ratio(tests)
+        material = _common.material_from(args, ratio)
         _common.announce_kernels(args)
         result = evaluate(tests, material, **options)
     if args.json is not None:

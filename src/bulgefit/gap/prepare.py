@@ -79,7 +79,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     if lost.any():
         raise InputError(
             f"{test.name}: {', '.join(np.array(['dx', 'dy', 'dz'])[lost])} was never measured; a "
-            "gap is judged by all three components (bulgefit fit needs dz alone)"
+            "gap is judged by all three components (bulgefit fit compares those that were measured)"
         )
     points = int(_complete(block).any(axis=0).sum())
     if points < LEAST_POINTS:
@@ -111,8 +111,8 @@ def _one_block(test: BulgeTest) -> BulgeTest:
     if len(test.blocks) == 1:
         return test
     raise InputError(
-        f"{test.name}: its frames have points of their own; resample them to common points first "
-        "(bulgefit convert)"
+        f"{test.name}: its frames have points of their own; a gap is judged at points that all "
+        "frames share, so bring the frames to one set of points first"
     )
 
 

@@ -67,7 +67,14 @@ def crossval(
         "average": average,
         "setup": setup,
     }
-    parameters = {"kind": material, "free": tuple(free), "bounds": bounds, "held": held}
+    parameters: dict[str, Any] = {
+        "kind": material,
+        "free": tuple(free),
+        "bounds": bounds,
+        "held": held,
+    }
+    # in one problem first: what stands against that, such as ratios that differ, stands against all
+    Problem(Objective(tests, objective, **comparison), **parameters)
     folds = _Folds(tests, objective, comparison, parameters)
     points = starting_points(folds[0].size, starts, seed)
     found = descents(

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
 from bulgefit.inverse.l1 import Rows
 from bulgefit.inverse.objective import Objective
 from bulgefit.model.parameters import Material, Parameter, free_parameters, parameters_of
 from bulgefit.model.virtual_test import Fields
 
-__all__ = ["Evaluation", "Problem"]
+__all__ = ["Evaluation", "Problem", "stated_ratio"]
 
 Floats = NDArray[np.floating]
 
@@ -156,10 +157,21 @@ class Problem:
 def _held_value(parameter: Parameter, objective: Objective, held: Mapping[str, float]) -> float:
     if parameter.name in held:
         return float(held[parameter.name])
-    ratios = {test.poisson_ratio for test in objective.tests}
+    return stated_ratio(objective.tests)
+
+
+def stated_ratio(tests: Sequence[BulgeTest]) -> float:
+    """Poisson's ratio that the tests state.
+
+    Raises
+    ------
+    InputError
+        They state different ones.
+    """
+    ratios = sorted({test.poisson_ratio for test in tests})
     if len(ratios) > 1:
         raise InputError(
-            f"{parameter.name}: the tests hold different Poisson ratios "
-            f"({', '.join(f'{r:g}' for r in sorted(ratios))}); give one with --{parameter.name}"
+            f"the tests state different Poisson ratios ({', '.join(f'{r:g}' for r in ratios)}); "
+            "say which one holds for all (--nu12)"
         )
-    return float(ratios.pop())
+    return float(ratios[0])
