@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.doubt import BEYOND_THE_EDGE, beyond_the_edge, leaves_a_trace
+from bulgefit.gap.doubt import (
+    BEYOND_THE_EDGE,
+    beyond_the_edge,
+    hardly_flattened,
+    leaves_a_trace,
+)
 from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
 from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
+from bulgefit.model.camera import FLATTENING
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 
@@ -166,3 +172,12 @@ def test_an_edge_that_the_data_leave_open_is_no_reason_to_doubt(
     fit = regress(data, (*MODULI, knee), start, iterations=0)
     assert fit.values[knee] == 0.05
     assert beyond_the_edge(fit) < BEYOND_THE_EDGE / 5
+
+
+@pytest.mark.parametrize(("flattening", "slow"), [(0.0, False), (0.2, False), (1.0, True)])
+def test_offsets_that_pressure_hardly_flattens_are_noticed(
+    scene: Scene, flattening: float, slow: bool
+) -> None:
+    keys = (*MODULI, FIELD, FLATTENING)
+    fit = regress(scene.data, keys, {**TRUTH, FLATTENING: flattening}, iterations=0)
+    assert hardly_flattened(fit) is slow

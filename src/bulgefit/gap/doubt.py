@@ -15,8 +15,9 @@ from bulgefit.gap.keys import at_edge
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import Groups, Search
 from bulgefit.gap.structure import Structure
+from bulgefit.model.camera import FLATTENING
 
-__all__ = ["Doubt", "beyond_the_edge", "doubt", "leaves_a_trace"]
+__all__ = ["Doubt", "beyond_the_edge", "doubt", "hardly_flattened", "leaves_a_trace"]
 
 #: Why effects are not named: structure is left, they are too many, they leave a trace of what they
 #: imitate, one of them, or a flexible one, only completes the others, or a parameter would leave
@@ -78,7 +79,7 @@ def doubt(
     gains = [without[name].held_out() - final.held_out() for name in groups]
     if flexible and min(gains) < least:
         return "completion"
-    if beyond_the_edge(final) > BEYOND_THE_EDGE:
+    if beyond_the_edge(final) > BEYOND_THE_EDGE or hardly_flattened(final):
         return "edge"
     return ""
 
@@ -92,6 +93,19 @@ def beyond_the_edge(fit: Regression) -> float:
     whole = fit.normal.whole
     within = whole.of(inside)
     return (within.at(within.step()) - whole.at(whole.step())) / fit.inflation
+
+
+def hardly_flattened(fit: Regression) -> bool:
+    """Whether offsets of points shrink as slowly with pressure as is plausible, or slower.
+
+    That pressure flattens them is all that ties them to creases of the reference image: what goes
+    on shrinking up to high pressures is something else.
+    """
+    return any(
+        at_edge(key, value)
+        for key, value in fit.values.items()
+        if key in fit.keys and key.partition("@")[0] == FLATTENING
+    )
 
 
 def leaves_a_trace(
