@@ -483,6 +483,14 @@ def test_csv_header_with_a_hash_quotes_and_more_columns(csv_folder, made):
     np.testing.assert_array_equal(read_test(folder).blocks[0].reference, made.reference)
 
 
+def test_csv_rows_may_end_in_separators_and_unused_names_be_doubled(csv_folder, made):
+    folder = csv_folder()
+    for path in folder.glob("frame_*.csv"):
+        lines = [f"0,0,{line}, ," for line in path.read_text().splitlines()]
+        path.write_text("\n".join(["id,id,x,y,z,dx,dy,dz", *lines[1:]]))
+    np.testing.assert_array_equal(read_test(folder).blocks[0].reference, made.reference)
+
+
 def test_csv_time_and_checksum(csv_folder, made):
     folder = csv_folder()
     rows = (folder / "pressure.csv").read_text().splitlines()
@@ -520,6 +528,17 @@ def test_csv_without_specimen(csv_folder):
         ("frame_3.csv", "x,y\n1,2\n", "frame_3.csv: has no column 'z'"),
         ("frame_3.csv", "x,y,z,dx,dy,dz\n1,2,3,4,5,6\n1,2,a,4,5,6\n", "line 3, column 'z': 'a'"),
         ("frame_3.csv", "x,y,z,dx,dy,dz\n1,2,3,4,5\n", "line 2 ends before the column 'dz'"),
+        (
+            "frame_3.csv",
+            "x,y,z,dx,dy,dz\n\n-26,6,-90,0,0,1,0,2,0,3,0,4\n",
+            "frame_3.csv: line 3 has 12 cells, the header 6.*where the comma is decimal separate",
+        ),
+        (
+            "pressure.csv",
+            "file,pressure_bar\nframe_0.csv,0,5\n",
+            "pressure.csv: line 2 has 3 cells, the header 2",
+        ),
+        ("frame_3.csv", "x,y,z,dx,dy,dz,dx\n1,2,3,4,5,6,7\n", "has 2 columns 'dx'; give each"),
         ("frame_3.csv", "\0\0\0", "not a text file"),
         ("test.json", "{", "test.json: not JSON"),
         ("test.json", "[]", "must be a JSON object"),

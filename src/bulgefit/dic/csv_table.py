@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,6 +64,16 @@ class Table:
         column = self._column(name)
         return [self._cell(row, column, line) for line, row in self._rows()]
 
+    def need_named_cells(self) -> None:
+        """Refuse rows with more cells than the header: they would shift what the columns hold."""
+        for line, row in self._rows():
+            if any(map(str.strip, row[len(self.header) :])):
+                raise InputError(
+                    f"{self.path}: line {line} has {len(row)} cells, the header "
+                    f"{len(self.header)}; name every column, and where the comma is decimal "
+                    "separate cells by ;"
+                )
+
     def _numbers_by_cell(self, columns: Sequence[int]) -> NDArray[np.float64]:
         values = [
             [self._number(self._cell(row, column, line), column, line) for column in columns]
@@ -71,17 +81,25 @@ class Table:
         ]
         return np.array(values, dtype=np.float64).reshape(-1, len(columns))
 
-    def _rows(self) -> list[tuple[int, list[str]]]:
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The rows that are not blank, each with the line of the file on which it begins."""
         rows = csv.reader(io.StringIO(self.body), delimiter=self.separator)
-        return [
-            (self.first_line + rows.line_num - 1, row) for row in rows if any(map(str.strip, row))
-        ]
+        line = self.first_line
+        for row in rows:
+            if any(map(str.strip, row)):
+                yield line, row
+            line = self.first_line + rows.line_num
 
     def _column(self, name: str) -> int:
         if name not in self.header:
             raise InputError(
                 f"{self.path}: has no column {name!r}; found {', '.join(self.header)} "
                 "(say what it is called with --columns)"
+            )
+        if self.header.count(name) > 1:
+            raise InputError(
+                f"{self.path}: has {self.header.count(name)} columns {name!r}; give each its own "
+                "name"
             )
         return self.header.index(name)
 
@@ -124,4 +142,6 @@ def read_table(path: Path) -> Table:
     body = "\n".join(lines[start + 1 :])
     if separator != ",":
         body = body.replace(",", ".")
-    return Table(path, tuple(name.strip() for name in names), separator, body, start + 2)
+    table = Table(path, tuple(name.strip() for name in names), separator, body, start + 2)
+    table.need_named_cells()
+    return table
