@@ -61,7 +61,7 @@ def test_convert_a_folder_with_columns(csv_folder, made, tmp_path):
     assert read_test(tmp_path / "o.npz").n_points == len(made.reference)
 
 
-@pytest.mark.parametrize("text", ["x", "x=", "=X", "x=X,,"])
+@pytest.mark.parametrize("text", ["x", "x=", "=X", "x=X,,", "x=x,x=y"])
 def test_columns_that_make_no_sense(csv_folder, tmp_path, text):
     with pytest.raises(InputError, match="--columns"):
         run(convert, csv_folder(), tmp_path / "o.npz", "--columns", text)

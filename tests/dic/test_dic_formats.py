@@ -471,6 +471,8 @@ def test_csv_columns(csv_folder, made):
     assert test.name == "n"
     with pytest.raises(InputError, match="unknown column 'w'"):
         read_test(folder, columns={"w": "W"})
+    with pytest.raises(InputError, match="the column 'dX' cannot be both dx and dy"):
+        read_test(folder, columns={"dy": "dX"})
 
 
 def test_csv_header_with_a_hash_quotes_and_more_columns(csv_folder, made):

@@ -72,10 +72,12 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
 
 
 def _columns(text: str) -> dict[str, str]:
-    columns = {}
+    columns: dict[str, str] = {}
     for item in text.split(","):
         key, equals, name = (part.strip() for part in item.partition("="))
         if not equals or not key or not name:
             raise InputError(f"--columns: {item!r} is not of the form x=NAME")
+        if key in columns:
+            raise InputError(f"--columns: {key} is given twice; name one column for it")
         columns[key] = name
     return columns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,14 @@ def _column_names(given: Mapping[str, str], path: Path) -> dict[str, str]:
     unknown = [key for key in given if key not in COLUMNS]
     if unknown:
         raise InputError(f"{path}: unknown column {unknown[0]!r}; known are {', '.join(COLUMNS)}")
-    return {key: given.get(key, key) for key in COLUMNS}
+    names = {key: given.get(key, key) for key in COLUMNS}
+    for first, second in combinations(COLUMNS, 2):
+        if names[first] == names[second]:
+            raise InputError(
+                f"{path}: the column {names[first]!r} cannot be both {first} and {second}; say "
+                "what each is called"
+            )
+    return names
 
 
 def _specimen(path: Path) -> dict[str, Any]:
