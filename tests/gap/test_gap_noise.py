@@ -83,6 +83,21 @@ def test_a_component_that_was_never_measured_is_refused(points: np.ndarray) -> N
         prepare(bulge_test(points, seen))
 
 
+@pytest.mark.parametrize("squeeze", [(1.0, 0.0), (0.0, 0.0), (0.01, 1.0)])
+def test_points_that_span_no_area_are_refused(
+    points: np.ndarray, squeeze: tuple[float, float]
+) -> None:
+    turned = (points[:, :2] * squeeze) @ np.array([[0.8, 0.6], [-0.6, 0.8]])
+    points = np.column_stack([turned, points[:, 2]])
+    with pytest.raises(InputError, match="the points lie in a line or at one place"):
+        prepare(bulge_test(points, dome(points)))
+
+
+def test_a_patch_of_points_is_a_field(points: np.ndarray) -> None:
+    points = 0.1 * points
+    assert prepare(bulge_test(points, dome(points))).data.used.all()
+
+
 def test_a_field_without_noise_has_none(points: np.ndarray) -> None:
     noise = estimate_noise(
         bulge_test(points, dome(points), static_displacement=np.zeros((4, len(points), 3)))

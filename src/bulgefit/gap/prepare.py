@@ -31,6 +31,9 @@ Floats = NDArray[np.float64]
 
 MOST_POINTS, MOST_FRAMES = 2000, 24
 LEAST_POINTS, LEAST_FRAMES = 60, 5
+#: Standard deviation of the points across their longest direction, relative to the clamp radius;
+#: points all over the disc have 0.5.
+LEAST_WIDTH = 0.02
 #: Mesh of the diagnosis, and the finer one that its error is taken from; with a third, coarser one,
 #: what is left of that error is judged.
 COARSE, FINE, COARSEST = 4, 6, 3
@@ -71,7 +74,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     Raises
     ------
     InputError
-        Too few points or frames to judge, or a component that was never measured.
+        Too few points or frames to judge, points in a line, or a component that was never measured.
     """
     test = _one_block(test)
     (block,) = test.blocks
@@ -81,12 +84,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
             f"{test.name}: {', '.join(np.array(['dx', 'dy', 'dz'])[lost])} was never measured; a "
             "gap is judged by all three components (bulgefit fit compares those that were measured)"
         )
-    points = int(_complete(block).any(axis=0).sum())
-    if points < LEAST_POINTS:
-        raise InputError(
-            f"{test.name}: {points} points are too few to judge a gap; "
-            f"{LEAST_POINTS} or more are needed"
-        )
+    _need_field(test)
     frames, rough_from = _usable_frames(test)
     if len(frames) < LEAST_FRAMES:
         dropped = (
@@ -114,6 +112,23 @@ def _one_block(test: BulgeTest) -> BulgeTest:
         f"{test.name}: its frames have points of their own; a gap is judged at points that all "
         "frames share, so bring the frames to one set of points first"
     )
+
+
+def _need_field(test: BulgeTest) -> None:
+    """Refuse points that are few, in a line or at one place."""
+    (block,) = test.blocks
+    points = block.reference[_complete(block).any(axis=0), :2]
+    if len(points) < LEAST_POINTS:
+        raise InputError(
+            f"{test.name}: {len(points)} points are too few to judge a gap; "
+            f"{LEAST_POINTS} or more are needed"
+        )
+    width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(points))
+    if width < LEAST_WIDTH * test.radius:
+        raise InputError(
+            f"{test.name}: the points lie in a line or at one place (across it they scatter by "
+            f"{width:.2g} mm), and a gap is judged by a field; check x and y of the points"
+        )
 
 
 def _complete(block: Block) -> NDArray[np.bool_]:
