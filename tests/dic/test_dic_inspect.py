@@ -127,6 +127,12 @@ def test_displacement_at_rest(made):
     warned(made, "at rest (frame 0) the apex already stands at")
 
 
+def test_images_at_rest_without_a_component(made):
+    static = np.zeros((2, *made.reference.shape))
+    static[..., 0] = np.nan
+    warned(made, "dx was never measured in the images at rest", static_displacement=static)
+
+
 def test_motion_of_the_camera(made):
     made.displacement[..., 0] += 0.5
     assert "(0.50, " in warned(made, "symmetry gives 0")

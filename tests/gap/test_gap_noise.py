@@ -76,6 +76,20 @@ def test_inflation_is_that_of_a_mean_of_correlated_noise(
     assert noise.inflation == pytest.approx(exact, rel=0.2)
 
 
+def test_images_at_rest_that_lack_a_component_are_left_out(points: np.ndarray) -> None:
+    rng = np.random.default_rng(4)
+    rest = rng.normal(size=(4, len(points), 3)) * SIGMA
+    rest[1, :, 2] = np.nan
+    noise = estimate_noise(bulge_test(points, dome(points), static_displacement=rest))
+    assert noise.source == "static images"
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+    rest[..., 0] = np.nan
+    seen = dome(points) + rng.normal(size=(FRAMES, len(points), 3)) * SIGMA
+    noise = estimate_noise(bulge_test(points, seen, static_displacement=rest))
+    assert noise.source == "the field itself"
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+
+
 def test_a_component_that_was_never_measured_is_refused(points: np.ndarray) -> None:
     seen = dome(points)
     seen[..., :2] = np.nan

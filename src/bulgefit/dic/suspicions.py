@@ -158,16 +158,23 @@ def _about_apex(test: BulgeTest) -> Iterator[str]:
 
 
 def _about_rest(test: BulgeTest) -> Iterator[str]:
-    static = test.static_displacement
-    if static is not None and np.isfinite(static).any():
-        mean = np.nanmean(static.reshape(-1, 3), axis=0)
-        if np.abs(mean).max() > _AT_REST:
-            shown = ", ".join(f"{value:.2f}" for value in mean)
-            yield f"images at rest are displaced by ({shown}) mm on average"
+    if test.static_displacement is not None:
+        yield from _about_images_at_rest(test.static_displacement)
     frame = int(np.abs(test.pressure).argmin())
     rise = test.apex_displacement[frame]
     if abs(test.pressure[frame]) < 1e-3 * test.pressure.max() and abs(rise) > _AT_REST:
         yield f"at rest (frame {frame}) the apex already stands at {rise:.2f} mm"
+
+
+def _about_images_at_rest(static: Floats) -> Iterator[str]:
+    known = [component[np.isfinite(component)] for component in static.reshape(-1, 3).T]
+    for key, values in zip(("dx", "dy", "dz"), known, strict=True):
+        if not len(values):
+            yield f"{key} was never measured in the images at rest: they do not tell its noise"
+    mean = [float(values.mean()) if len(values) else np.nan for values in known]
+    if np.nanmax(np.abs(mean)) > _AT_REST:
+        shown = ", ".join(f"{value:.2f}" for value in mean)
+        yield f"images at rest are displaced by ({shown}) mm on average"
 
 
 def _about_offset(test: BulgeTest, coverage: float) -> Iterator[str]:

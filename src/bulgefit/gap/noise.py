@@ -68,8 +68,8 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
     """
     (block,) = test.blocks
     points = np.asarray(block.reference[:, :2], dtype=float)
-    if test.static_displacement is not None and len(test.static_displacement):
-        field = np.asarray(test.static_displacement, dtype=float)
+    field = _static_images(test)
+    if len(field):
         # a camera that moved between the images is no noise
         field = field - np.nanmean(field, axis=1, keepdims=True)
         return _describe(points, field, _robust(field), "static images")
@@ -80,6 +80,14 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
     field = np.asarray(block.displacement if residual is None else residual, dtype=float)
     rough = rough_part(points, field)
     return _describe(points, rough, _robust(rough), "the field itself")
+
+
+def _static_images(test: BulgeTest) -> Floats:
+    """Images at rest (m, n, 3), mm, that show all three components, as a noise needs."""
+    if test.static_displacement is None:
+        return np.empty((0, 0, 3))
+    field = np.asarray(test.static_displacement, dtype=float)
+    return field[np.isfinite(field).any(axis=1).all(axis=1)]
 
 
 def _with_persistent(noise: Noise, rough: Floats, frames: int) -> Noise:
