@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import pickle
+import zipfile
 
 import h5py
 import numpy as np
@@ -575,12 +576,36 @@ def test_folder_that_is_no_test(tmp_path):
 
 
 def test_npz_of_another_zip(tmp_path):
-    import zipfile
-
     with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
         archive.writestr("notes.txt", "hello")
     with pytest.raises(InputError, match=r"no pressure; found notes.txt"):
         read_test(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize("name", ["pressure", "pressure.npy"])
+@pytest.mark.parametrize("content", [b"", b"1,2,3"])
+def test_npz_with_a_member_that_is_no_array(made, tmp_path, name, content):
+    np.savez(tmp_path / "t.npz", reference=made.reference, displacement=made.displacement)
+    with zipfile.ZipFile(tmp_path / "t.npz", "a") as archive:
+        archive.writestr(name, content)
+    with pytest.raises(InputError, match=r"t.npz: pressure is not a numpy array"):
+        read_test(tmp_path / "t.npz")
+
+
+@pytest.mark.parametrize(
+    "shape", ["(9", "(9999999999999999999999,)", "(-9,)", "[[[]", "{[]: 1}", "\n  9\n 9"]
+)
+def test_damaged_headers_of_arrays(tmp_path, shape):
+    head = f"{{'descr': '|O', 'fortran_order': False, 'shape': {shape}, }}".encode().ljust(117)
+    array = b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head
+    with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
+        for key in ("reference", "displacement", "pressure"):
+            archive.writestr(f"{key}.npy", array.replace(b"|O", b"<f8"))
+    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged)"):
+        read_test(tmp_path / "t.npz")
+    (tmp_path / "t.npy").write_bytes(array)
+    with pytest.raises(InputError, match=r"t.npy: not a bulge test"):
+        read_test(tmp_path / "t.npy")
 
 
 def test_npz_with_flipped_bytes(made_test, tmp_path):

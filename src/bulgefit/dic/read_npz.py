@@ -27,16 +27,19 @@ def read_npz(path: Path) -> Recording:
                 wanted = [key for key in archive.files if key in REQUIRED + OPTIONAL]
                 arrays = {key: archive[key] for key in wanted}
                 others = {key: np.empty(0) for key in archive.files if key not in wanted}
+    except (InputError, OSError, MemoryError):
+        raise
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
         raise InputError(
             f"{path}: damaged or cut short ({one_line(error)}); copy it again"
         ) from None
-    except (ValueError, KeyError, NotImplementedError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
+    except Exception as error:  # a damaged header can raise nearly anything
         if "allow_pickle" in str(error):
             raise InputError(
                 f"{path}: holds pickled Python objects, which are not loaded; save plain arrays"
             ) from None
         raise InputError(f"{path}: cannot be read as npz ({one_line(error)})") from None
+    for key, array in arrays.items():
+        if not isinstance(array, np.ndarray):  # numpy gives out what it does not know as bytes
+            raise InputError(f"{path}: {key} is not a numpy array; save it with numpy.savez")
     return recording_from({**arrays, **others}, file_checksum(path), str(path))

@@ -15,6 +15,10 @@ from bulgefit.errors import InputError
 __all__ = ["read_study"]
 
 _MPA_PER_GPA = 1e3
+_READ_HEADER = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 _LAYOUT = "the study's layout is rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]"
 
 
@@ -54,16 +58,21 @@ def _load(file: IO[bytes], path: Path) -> Any:
     file.seek(0)
     if start != magic:
         return load_shells(file)
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        _, _, dtype = np.lib.format.read_array_header_1_0(file)
-    elif version == (2, 0):
-        _, _, dtype = np.lib.format.read_array_header_2_0(file)
-    else:
-        raise ValueError(f"npy version {version[0]}.{version[1]} is not one of 1.0 and 2.0")
+    dtype = _dtype_of_header(file)
     if not dtype.hasobject:
         raise ValueError(f"the array holds {dtype}, not objects")
     return load_shells(file)
+
+
+def _dtype_of_header(file: IO[bytes]) -> np.dtype[Any]:
+    version = np.lib.format.read_magic(file)
+    if version not in _READ_HEADER:
+        raise ValueError(f"npy version {version[0]}.{version[1]} is not one of 1.0 and 2.0")
+    try:
+        _, _, dtype = _READ_HEADER[version](file)
+    except Exception as error:  # a damaged header can raise nearly anything
+        raise ValueError(f"damaged header: {one_line(error)}") from None
+    return dtype
 
 
 def _rows(value: Any) -> list[Any]:
