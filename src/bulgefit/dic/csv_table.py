@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import reprlib
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,13 +84,7 @@ class Table:
         return np.array(values, dtype=np.float64).reshape(-1, len(columns))
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        """The rows that are not blank, each with the line of the file on which it begins."""
-        rows = csv.reader(io.StringIO(self.body), delimiter=self.separator)
-        line = self.first_line
-        for row in rows:
-            if any(map(str.strip, row)):
-                yield line, row
-            line = self.first_line + rows.line_num
+        return _rows(self.path, self.body, self.separator, self.first_line)
 
     def _column(self, name: str) -> int:
         if name not in self.header:
@@ -113,13 +109,31 @@ class Table:
     def _number(self, cell: str, column: int, line: int) -> float:
         if cell.lower() in _LOST:
             return np.nan
-        try:
-            return float(cell)
-        except ValueError:
-            raise InputError(
-                f"{self.path}: line {line}, column {self.header[column]!r}: {cell!r} is not a "
-                "number; leave the cell empty where the point is lost"
-            ) from None
+        # float() takes 1_0 for 10, which numpy refuses where all cells are numbers
+        if "_" not in cell and cell.isascii():
+            with suppress(ValueError):
+                return float(cell)
+        raise InputError(
+            f"{self.path}: line {line}, column {self.header[column]!r}: {reprlib.repr(cell)} is "
+            "not a number; leave the cell empty where the point is lost"
+        )
+
+
+def _rows(
+    path: Path, text: str, separator: str, first_line: int
+) -> Iterator[tuple[int, list[str]]]:
+    """The rows that are not blank, each with the line of the file on which it begins."""
+    rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+    line = first_line
+    try:
+        for row in rows:
+            if any(map(str.strip, row)):
+                yield line, row
+            line = first_line + rows.line_num
+    except csv.Error as error:
+        raise InputError(
+            f"{path}: line {line} begins no row of cells ({error}); check its quotes"
+        ) from None
 
 
 def read_table(path: Path) -> Table:
@@ -138,7 +152,7 @@ def read_table(path: Path) -> Table:
         raise InputError(f"{path}: is not a text file; it must be CSV")
     head = lines[start].lstrip("# ").strip("\r")
     separator = max(_SEPARATORS, key=head.count)
-    names = next(csv.reader([head], delimiter=separator))
+    _, names = next(_rows(path, head, separator, start + 1), (0, []))
     body = "\n".join(lines[start + 1 :])
     if separator != ",":
         body = body.replace(",", ".")

@@ -38,7 +38,9 @@ def read_npz(path: Path) -> Recording:
             raise InputError(
                 f"{path}: holds pickled Python objects, which are not loaded; save plain arrays"
             ) from None
-        raise InputError(f"{path}: cannot be read as npz ({one_line(error)})") from None
+        raise InputError(
+            f"{path}: cannot be read as npz ({one_line(error)}); save it anew"
+        ) from None
     for key, array in arrays.items():
         if not isinstance(array, np.ndarray):  # numpy gives out what it does not know as bytes
             raise InputError(f"{path}: {key} is not a numpy array; save it with numpy.savez")
