@@ -7,6 +7,7 @@ import io
 import json
 import pickle
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -577,6 +578,20 @@ def test_bad_csv_folders(csv_folder, file, content, match):
     with pytest.raises(InputError, match=match) as caught:
         read_test(folder)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["frame_3.csv", "pressure.csv", "test.json"])
+def test_csv_file_that_cannot_be_read_is_named(csv_folder, monkeypatch, name):
+    def read_text(path, **options):
+        if path.name == name:
+            raise PermissionError(13, "Permission denied")
+        return whole(path, **options)
+
+    whole = Path.read_text
+    folder = csv_folder()
+    monkeypatch.setattr(Path, "read_text", read_text)
+    with pytest.raises(InputError, match=f"{name}: cannot be read \\(Permission denied\\)"):
+        read_test(folder)
 
 
 def test_csv_frame_with_a_header_only_is_a_frame_without_points(csv_folder):

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.registry import text_of
 from bulgefit.errors import InputError
 
 __all__ = ["Table", "read_table"]
@@ -143,7 +144,7 @@ def read_table(path: Path) -> Table:
     by semicolons or tabs a comma is a decimal comma.
     """
     # a header may hold a degree or micro sign in another encoding; numbers are plain ASCII
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    text = text_of(path, errors="replace")
     lines = text.split("\n")
     start = next((i for i, line in enumerate(lines) if line.strip()), None)
     if start is None:

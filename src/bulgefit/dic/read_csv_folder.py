@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bulgefit.dic.csv_table import Table, read_table
-from bulgefit.dic.registry import Recording, file_checksum, reader
+from bulgefit.dic.registry import Recording, file_checksum, reader, text_of
 from bulgefit.dic.units import PRESSURE, factor
 from bulgefit.errors import InputError
 
@@ -81,7 +81,9 @@ def _specimen(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(text_of(path))
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: not JSON ({error})") from None
     if not isinstance(content, dict):

@@ -9,7 +9,7 @@ from typing import Any
 # imported for their readers, which register themselves
 from bulgefit.dic import read_csv_folder, read_hdf5, read_npz, read_study
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.registry import READERS, Recording, choose_reader, one_line, reader
+from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
 __all__ = ["READERS", "Recording", "read_test", "reader"]
@@ -59,8 +59,7 @@ def read_test(
     try:
         recording = chosen.read(path, **options)
     except OSError as error:
-        reason = error.strerror or one_line(error)
-        raise InputError(f"{path}: cannot be read ({reason})") from error
+        raise unreadable(path, error) from error
     except MemoryError:
         raise InputError(f"{path}: does not fit into memory, or is damaged") from None
     common: dict[str, Any] = {

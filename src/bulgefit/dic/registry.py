@@ -13,7 +13,17 @@ from numpy.typing import ArrayLike
 
 from bulgefit.errors import InputError
 
-__all__ = ["READERS", "Reader", "Recording", "choose_reader", "file_checksum", "one_line", "reader"]
+__all__ = [
+    "READERS",
+    "Reader",
+    "Recording",
+    "choose_reader",
+    "file_checksum",
+    "one_line",
+    "reader",
+    "text_of",
+    "unreadable",
+]
 
 
 @dataclass
@@ -150,6 +160,19 @@ def choose_reader(path: Path, format: str | None, options: dict[str, Any]) -> Re
 def one_line(error: Exception) -> str:
     """The message of another library's error, without line breaks."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def unreadable(path: Path, error: OSError) -> InputError:
+    """What is raised where the system does not let a file be read."""
+    return InputError(f"{path}: cannot be read ({error.strerror or one_line(error)})")
+
+
+def text_of(path: Path, errors: str = "strict") -> str:
+    """The text of one file of a folder, of UTF-8 with or without its mark."""
+    try:
+        return path.read_text(encoding="utf-8-sig", errors=errors)
+    except OSError as error:  # says itself which file, since the folder is what was asked for
+        raise unreadable(path, error) from error
 
 
 def file_checksum(*paths: Path) -> str:
