@@ -388,6 +388,7 @@ def _row(points, pressure=1e-4):
         (_row(np.zeros((3, 5))), r"row 0 has points of shape \(3, 5\), not \(n, 6\)"),
         (_row(np.zeros((3, 6)), np.zeros(2)), r"row 0 has a pressure of shape \(2,\)"),
         (_row(np.zeros((3, 6)), "high"), "str is not an array"),
+        (_row(np.zeros((3, 6)), 10**400), "int too large to convert to float"),
         (_row(np.array([["a"] * 6])), "not one of real numbers"),
         (_row(np.zeros((3, 6), dtype=complex)), "not one of real numbers"),
         (_row([[0.0] * 6]), "list is not an array"),
@@ -570,6 +571,13 @@ def test_csv_without_specimen(csv_folder):
         ("test.json", '{"radius": "100"}', "radius cannot be '100'"),
         ("test.json", '{"columns": {"x": 1}}', "columns cannot be"),
         ("test.json", '{"name": 1}', "name cannot be 1"),
+        ("test.json", r'{"name": "a\u0000b"}', r"name cannot be 'a\\x00b'; it must be text on one"),
+        ("test.json", r'{"name": "a\ud800b"}', "name cannot be"),
+        ("test.json", r'{"name": "a\nb"}', "name cannot be"),
+        ("test.json", f'{{"radius": 1{"0" * 400}}}', "radius cannot be inf; it must be a number"),
+        ("test.json", '{"radius": NaN}', "radius cannot be nan; it must be a number in mm"),
+        ("test.json", '{"radius": true}', "radius cannot be True"),
+        ("test.json", f'{{"{"r" * 999}": 1}}', "unknown key '.{,40}'; known are"),
     ],
 )
 def test_bad_csv_folders(csv_folder, file, content, match):

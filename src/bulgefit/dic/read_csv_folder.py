@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import reprlib
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
@@ -18,7 +20,13 @@ __all__ = ["COLUMNS", "read_csv_folder"]
 COLUMNS = ("x", "y", "z", "dx", "dy", "dz")
 _PRESSURE_TABLE = "pressure.csv"
 _SPECIMEN = "test.json"
-_SPECIMEN_KEYS = ("name", "radius", "thickness", "poisson_ratio", "columns")
+_SPECIMEN_KEYS = {
+    "name": "text on one line",
+    "radius": "a number in mm",
+    "thickness": "a number in mm",
+    "poisson_ratio": "a number",
+    "columns": 'like {"x": "X_mm"}',
+}
 
 
 @reader("csv", Path.is_dir, looks_like=f"a folder with {_PRESSURE_TABLE}", options=["columns"])
@@ -81,7 +89,7 @@ def _specimen(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        content = json.loads(text_of(path))
+        content = json.loads(text_of(path), parse_int=float)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
@@ -90,15 +98,20 @@ def _specimen(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: must be a JSON object with {', '.join(_SPECIMEN_KEYS)}")
     for key, value in content.items():
         if key not in _SPECIMEN_KEYS:
-            raise InputError(f"{path}: unknown key {key!r}; known are {', '.join(_SPECIMEN_KEYS)}")
+            raise InputError(
+                f"{path}: unknown key {reprlib.repr(key)}; known are {', '.join(_SPECIMEN_KEYS)}"
+            )
         if key == "columns":
             good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
         elif key == "name":
-            good = isinstance(value, str)
+            # others cannot be printed, or end the line or a file's name
+            good = isinstance(value, str) and value.isprintable()
         else:
-            good = isinstance(value, (int, float)) and not isinstance(value, bool)
+            good = isinstance(value, float) and math.isfinite(value)
         if not good:
-            raise InputError(f"{path}: {key} cannot be {value!r}")
+            raise InputError(
+                f"{path}: {key} cannot be {reprlib.repr(value)}; it must be {_SPECIMEN_KEYS[key]}"
+            )
     return content
 
 

@@ -118,9 +118,9 @@ def to_array(value: Any) -> NDArray[Any]:
     ValueError
         The shell is not a well-formed array.
     """
-    if isinstance(value, (int, float)):
-        return np.asarray(float(value))
     try:
+        if isinstance(value, (int, float)):
+            return np.asarray(float(value))
         if isinstance(value, _Array):
             _, shape, dtype, fortran, data = value.state
             return _make(data, dtype, shape, "F" if fortran else "C")
