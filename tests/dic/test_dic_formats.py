@@ -207,6 +207,15 @@ def test_hdf5_units(made, tmp_path, lengths, length, pressures, pressure):
     assert test.thickness == pytest.approx(0.81)
 
 
+def test_hdf5_pressure_that_cannot_be_in_its_unit(made_test, tmp_path):
+    write_test(made_test, tmp_path / "t.h5")
+    with h5py.File(tmp_path / "t.h5", "a") as file:
+        file["pressure"][...] *= 1e3
+        file["pressure"].attrs["unit"] = "bar"
+    with pytest.raises(InputError, match="pressure 300 bar cannot be, it looks like kPa; give bar"):
+        read_test(tmp_path / "t.h5")
+
+
 def test_hdf5_without_units_is_in_mm_and_mpa(made, tmp_path):
     with h5py.File(tmp_path / "t.h5", "w") as file:
         for key, value in vars(made).items():
@@ -274,6 +283,14 @@ def test_study_layout_with_any_kind_of_pressure(study_rows, made, tmp_path, as_s
         row[1] = as_scalar(row[1])
     (tmp_path / "t.pkl").write_bytes(pickle.dumps(study_rows.tolist()))
     np.testing.assert_allclose(read_test(tmp_path / "t.pkl").pressure, made.pressure, rtol=1e-6)
+
+
+def test_study_layout_with_pressures_in_mpa(study_rows, made, tmp_path):
+    for row in study_rows:
+        row[1] *= 1e3
+    (tmp_path / "t.pkl").write_bytes(pickle.dumps(study_rows))
+    with pytest.raises(InputError, match=r"0\.3 GPa cannot be, it looks like bar or MPa; give GPa"):
+        read_test(tmp_path / "t.pkl")
 
 
 def test_study_layout_with_fortran_arrays_and_whole_numbers(made, tmp_path):
@@ -437,6 +454,11 @@ def test_csv_round_trip(csv_folder, made, separator, decimal):
 def test_csv_pressure_units(csv_folder, made, unit, scale):
     test = read_test(csv_folder(unit=unit, scale=scale))
     np.testing.assert_allclose(test.pressure, made.pressure, rtol=1e-12)
+
+
+def test_csv_pressure_that_cannot_be_in_its_unit(csv_folder):
+    with pytest.raises(InputError, match="pressure 300 bar cannot be, it looks like kPa; give bar"):
+        read_test(csv_folder(unit="bar", scale=1e3))
 
 
 @pytest.mark.parametrize("mark", ["", "nan", "NaN", " "])

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.units import PRESSURE
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import Block, BulgeTest
 
-__all__ = ["check", "increases", "require_increasing"]
+__all__ = ["check", "check_pressure_unit", "increases", "require_increasing"]
 
 Floats = NDArray[np.floating]
 
@@ -20,8 +21,9 @@ Floats = NDArray[np.floating]
 _OUTSIDE = 1.001
 # A gauge may be off by this part of the highest pressure, so that it reads below zero at rest.
 _BELOW_ZERO = 0.05
-# No fabric holds more than this, MPa; a number above it is in another unit.
-_HIGHEST_PRESSURE = 10.0
+# The highest pressure of a test lies between these, MPa: no fabric holds more, and a number above
+# it is in another unit.
+_POSSIBLE_PRESSURE = (0.01, 10.0)
 
 
 def increases(pressure: Floats) -> bool:
@@ -57,6 +59,27 @@ def check(test: BulgeTest) -> None:
         raise InputError(f"{_where(test)}: all points are lost in every frame; nothing to fit")
     _check_static(test)
     _check_clamp(test)
+
+
+def check_pressure_unit(pressure: Floats, unit: str, where: str) -> None:
+    """Raise InputError where the pressures are too high for the unit they were given in.
+
+    Parameters
+    ----------
+    pressure : (frames,) array, MPa
+    unit : str
+        The unit of the file (or of the caller), one of `bulgefit.dic.units.PRESSURE`.
+    where : str
+        File, for the message.
+    """
+    lowest, highest = _POSSIBLE_PRESSURE
+    largest = float(pressure[np.isfinite(pressure)].max(initial=0.0))
+    if largest > highest:
+        number = largest / PRESSURE[unit]
+        usual = ("Pa", "kPa", "bar", "MPa")
+        likely = [name for name in usual if lowest <= number * PRESSURE[name] <= highest]
+        looks = f", it looks like {' or '.join(likely)}" if likely else ""
+        raise InputError(f"{where}: pressure {number:g} {unit} cannot be{looks}; give {unit}")
 
 
 def _check_specimen(test: BulgeTest) -> None:
@@ -98,12 +121,8 @@ def _check_pressure(test: BulgeTest) -> None:
             f"{where}: pressure of frame {bad[0]} is {pressure[bad[0]]} ({len(bad)} not finite); "
             "give it or leave the frame out"
         )
+    check_pressure_unit(pressure, "MPa", where)
     highest, lowest = float(pressure.max()), float(pressure.min())
-    if highest > _HIGHEST_PRESSURE:
-        raise InputError(
-            f"{where}: pressure {highest:g} MPa cannot be, it looks like {_unit_of(highest)}; "
-            "give MPa"
-        )
     if highest <= 0:
         raise InputError(
             f"{where}: no frame is under pressure (highest {_bar(highest)}); "
@@ -178,13 +197,6 @@ def _check_clamp(test: BulgeTest) -> None:
             f"where the clamp radius is {test.radius:g} mm; correct the radius, or drop them with "
             f"bulgefit convert --crop {test.radius:g}"
         )
-
-
-def _unit_of(highest: float) -> str:
-    # bulge tests on fabrics reach some 0.5 to 20 bar, i.e. 5e4 to 2e6 Pa or 50 to 2000 kPa
-    if highest >= 1e4:
-        return "Pa"
-    return "kPa" if highest >= 100 else "kPa or bar"
 
 
 def _bar(pressure: float) -> str:

@@ -52,7 +52,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
         raise InputError(f"{path}: not a bulge test, it has no {_PRESSURE_TABLE}; found {found}")
     specimen = _specimen(path / _SPECIMEN)
     names = _column_names({**specimen.get("columns", {}), **(columns or {})}, path)
-    files, pressure, time = _pressures(table)
+    files, pressure, unit, time = _pressures(table)
     _need_listed(path, files)
     frames = []
     for file in files:
@@ -68,6 +68,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
         poisson_ratio=specimen.get("poisson_ratio"),
         time=time,
         name=specimen.get("name"),
+        pressure_unit=unit,
     )
 
 
@@ -115,7 +116,7 @@ def _specimen(path: Path) -> dict[str, Any]:
     return content
 
 
-def _pressures(path: Path) -> tuple[list[Path], Any, Any]:
+def _pressures(path: Path) -> tuple[list[Path], Any, str, Any]:
     table = read_table(path)
     loads = [name for name in table.header if name.startswith("pressure_")]
     if "file" not in table.header or len(loads) != 1:
@@ -123,10 +124,12 @@ def _pressures(path: Path) -> tuple[list[Path], Any, Any]:
             f"{path}: needs the columns file and pressure_bar (or pressure_MPa, pressure_kPa, "
             f"pressure_Pa); found {', '.join(table.header)}"
         )
-    scale = factor(loads[0].removeprefix("pressure_"), PRESSURE, f"{path}: {loads[0]}")
+    unit = loads[0].removeprefix("pressure_")
+    scale = factor(unit, PRESSURE, f"{path}: {loads[0]}")
     pressure = table.numbers(loads)[:, 0] * scale
     time = table.numbers(["time_s"])[:, 0] if "time_s" in table.header else None
-    return [_frame_file(path, name, table) for name in table.texts("file")], pressure, time
+    files = [_frame_file(path, name, table) for name in table.texts("file")]
+    return files, pressure, unit, time
 
 
 def _frame_file(path: Path, name: str, table: Table) -> Path:

@@ -41,22 +41,28 @@ def read_hdf5(path: Path) -> Recording:
     try:
         with h5py.File(path, "r") as file:
             arrays = {key: _in_own_units(file[key], key, path) for key in _UNITS if key in file}
+            units = {key: _unit(file[key], key) for key in arrays}
             others = {key: np.empty(0) for key in file if key not in _UNITS}
     except InputError:
         raise
     except (KeyError, RuntimeError, ValueError) as error:
         raise InputError(f"{path}: damaged HDF5 file ({one_line(error)}); copy it again") from None
-    return recording_from({**arrays, **others}, file_checksum(path), str(path))
+    recording = recording_from({**arrays, **others}, file_checksum(path), str(path))
+    recording.pressure_unit = units["pressure"]
+    return recording
 
 
 def _in_own_units(dataset: Any, key: str, path: Path) -> NDArray[Any]:
     if getattr(dataset, "shape", None) is None or dataset.dtype.kind not in "fiu":
         raise InputError(f"{path}: {key} is not a data set of real numbers")
     array = np.asarray(dataset[()])
-    unit = dataset.attrs.get("unit")
-    if unit is None:
-        return array
-    text = unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
-    scale = factor(text, _UNITS[key], f"{path}: {key}")
+    scale = factor(_unit(dataset, key), _UNITS[key], f"{path}: {key}")
     # a factor of 1 keeps whole numbers whole; a Python float keeps float32
     return array if scale == 1.0 else array * scale
+
+
+def _unit(dataset: Any, key: str) -> str:
+    unit = dataset.attrs.get("unit")
+    if unit is None:
+        return next(iter(_UNITS[key]))  # bulgefit's own stands first
+    return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)

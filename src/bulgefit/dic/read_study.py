@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.registry import Recording, file_checksum, one_line, reader
 from bulgefit.dic.safe_pickle import Shell, UnsafePickleError, load_shells, to_array
+from bulgefit.dic.units import PRESSURE
 from bulgefit.errors import InputError
 
 __all__ = ["read_study"]
 
-_MPA_PER_GPA = 1e3
 _READ_HEADER = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -43,12 +43,13 @@ def read_study(path: Path) -> Recording:
         except ValueError as error:
             raise InputError(f"{path}: not a bulge test ({one_line(error)}); {_LAYOUT}") from None
     return Recording(
-        pressure=np.array(pressure) * _MPA_PER_GPA,
+        pressure=np.array(pressure) * PRESSURE["GPa"],
         checksum=file_checksum(path),
         frames=frames,
         radius=100.0,
         thickness=0.81,
         poisson_ratio=0.24,
+        pressure_unit="GPa",
     )
 
 

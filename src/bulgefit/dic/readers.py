@@ -8,7 +8,9 @@ from typing import Any
 
 # imported for their readers, which register themselves
 from bulgefit.dic import read_csv_folder, read_hdf5, read_npz, read_study
+from bulgefit.dic.assemble import per_frame
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.check import check_pressure_unit
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
@@ -62,6 +64,8 @@ def read_test(
         raise unreadable(path, error) from error
     except MemoryError:
         raise InputError(f"{path}: does not fit into memory, or is damaged") from None
+    pressure = per_frame(recording.pressure, "pressure", str(path))
+    check_pressure_unit(pressure, recording.pressure_unit, str(path))
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
         "radius": _given(radius, recording.radius, "radius", path),
@@ -73,13 +77,13 @@ def read_test(
         "crop": crop,
     }
     if recording.frames is not None:
-        return BulgeTest.from_frames(recording.frames, recording.pressure, **common)
+        return BulgeTest.from_frames(recording.frames, pressure, **common)
     assert recording.reference is not None
     assert recording.displacement is not None
     return BulgeTest.from_arrays(
         recording.reference,
         recording.displacement,
-        recording.pressure,
+        pressure,
         static_displacement=recording.static_displacement,
         **common,
     )

@@ -45,6 +45,8 @@ class Recording:
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
     name : str or None
+    pressure_unit : str
+        Of the numbers in the file, one of `bulgefit.dic.units.PRESSURE`: messages speak in it.
     """
 
     pressure: ArrayLike
@@ -58,6 +60,7 @@ class Recording:
     static_displacement: ArrayLike | None = None
     time: ArrayLike | None = None
     name: str | None = None
+    pressure_unit: str = "MPa"
 
 
 @dataclass(frozen=True)
