@@ -33,6 +33,10 @@ _UNEVEN = 0.15
 _OFFSET, _OFFSET_PART = 0.1, 0.1
 # An apex may fall by this, mm, between frames of rising pressure: noise.
 _APEX_FALL = 0.05
+# Young's modulus, MPa, that no material exceeds: diamond.
+_STIFFEST = 1e6
+# An apex grows by more than this part where the pressure doubles; that of a membrane by a quarter.
+_NO_GROWTH = 0.05
 # Displacement, mm, that may be seen at rest.
 _AT_REST = 0.1
 # Points in which strays are looked for, over all frames: keeps large tests to a few seconds.
@@ -67,6 +71,7 @@ def suspicions(
         yield from _about_coverage(test, points, coverage, quadrants)
         yield from _about_reference_z(points, test.radius)
     yield from _about_apex(test)
+    yield from _about_rise(test)
     yield from _about_rest(test)
     yield from _about_offset(test, coverage)
     yield from _about_strays(test)
@@ -80,10 +85,11 @@ def _about_pressure(test: BulgeTest) -> Iterator[str]:
     if test.n_frames < _FEW_FRAMES:
         yield f"only {test.n_frames} frames: little to tell stiffness from other effects"
     low, high = _USUAL_PRESSURE
-    if pressure.max() < low:
-        yield f"highest pressure is {pressure.max() * 10:.3g} bar: is it in GPa rather than MPa?"
-    if pressure.max() > high:
-        yield f"highest pressure is {pressure.max() * 10:.3g} bar: is it in bar rather than MPa?"
+    if not low <= pressure.max() <= high:
+        yield (
+            f"highest pressure is {pressure.max() * 10:.3g} bar: are the pressures in the unit "
+            "that the file says or asks for?"
+        )
     if test.time is not None and (np.diff(test.time) <= 0).any():
         frame = int(np.flatnonzero(np.diff(test.time) <= 0)[0]) + 1
         yield f"time does not increase at frame {frame}: frames out of order"
@@ -155,6 +161,36 @@ def _about_apex(test: BulgeTest) -> Iterator[str]:
             f"the apex does not grow with pressure at {len(falls)} of {len(order) - 1} steps, "
             f"first from frame {before} to {after}: creep, unloading or mixed frames"
         )
+
+
+def _about_rise(test: BulgeTest) -> Iterator[str]:
+    known = np.flatnonzero(np.isfinite(test.apex_displacement))
+    if not len(known):
+        return
+    first, last = known[test.pressure[known].argmin()], known[test.pressure[known].argmax()]
+    low, high = (float(test.pressure[frame]) for frame in (first, last))
+    before, after = (float(test.apex_displacement[frame]) for frame in (first, last))
+    least = _least_rise(test, int(last))
+    if abs(after) < least:
+        yield (
+            f"the apex rises by {abs(after):.2g} mm at {high * 10:.3g} bar, where the stiffest "
+            f"material would rise by {least:.2g} mm: is the displacement in mm?"
+        )
+    elif high > 2 * low and abs(after - before) < _NO_GROWTH * abs(after):
+        yield (
+            f"the apex stands at {before:.4g} mm at {low * 10:.3g} bar and at {after:.4g} mm at "
+            f"{high * 10:.3g} bar: the displacement does not change with pressure"
+        )
+
+
+def _least_rise(test: BulgeTest, frame: int) -> float:
+    """What the stiffest membrane would show at the apex point of a frame, mm."""
+    pressure = max(float(test.pressure[frame]), 0.0)
+    (block,) = (block for block in test.blocks if frame in block.frames)
+    x, y, _ = block.reference[test.apex[frame]]
+    # p = 3 E t w^3 / R^4, in which the factor is near that of a clamped isotropic disc
+    at_centre = np.cbrt(pressure * test.radius**4 / (3 * _STIFFEST * test.thickness))
+    return float(at_centre * max(1 - (x**2 + y**2) / test.radius**2, 0.0))
 
 
 def _about_rest(test: BulgeTest) -> Iterator[str]:
