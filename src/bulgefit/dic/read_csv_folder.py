@@ -35,8 +35,9 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
 
     `pressure.csv` has the columns `file` and `pressure_bar` (or another unit: `pressure_MPa`,
     `pressure_kPa`, ...), and `time_s` if wanted. Each file it names has a header and the columns
-    x, y, z, dx, dy, dz in mm; cells that are empty or nan are lost. `test.json`, if there is one,
-    may say name, radius (mm), thickness (mm), poisson_ratio and columns.
+    x, y, z, dx, dy, dz in mm; cells that are empty or nan are lost. Where the comma is decimal the
+    cells are separated by semicolons or tabs. `test.json`, if there is one, may say name, radius
+    (mm), thickness (mm), poisson_ratio and columns.
 
     Parameters
     ----------
