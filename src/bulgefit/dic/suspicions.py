@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.outliers import stray_points
 
-__all__ = ["suspicions"]
+__all__ = ["alarms", "suspicions"]
 
 Floats = NDArray[np.floating]
 
@@ -63,7 +63,8 @@ def suspicions(
     quadrants : tuple of four floats
         What `bulgefit.dic.coverage.coverage` says of `points`.
     """
-    yield from _about_pressure(test)
+    yield from alarms(test)
+    yield from _about_order(test)
     yield from _about_points(test, per_frame)
     if len(points) == 1:
         yield "one point only: its rise can be fitted (e_z), a field cannot"
@@ -71,25 +72,35 @@ def suspicions(
         yield from _about_coverage(test, points, coverage, quadrants)
         yield from _about_reference_z(points, test.radius)
     yield from _about_apex(test)
-    yield from _about_rise(test)
     yield from _about_rest(test)
     yield from _about_offset(test, coverage)
     yield from _about_strays(test)
 
 
-def _about_pressure(test: BulgeTest) -> Iterator[str]:
-    pressure = test.pressure
+def alarms(test: BulgeTest) -> Iterator[str]:
+    """One line for each thing by which whatever is fitted to the test means nothing.
+
+    Units and directions alone: that takes no time.
+    """
+    low, high = _USUAL_PRESSURE
+    if not low <= test.pressure.max() <= high:
+        yield (
+            f"highest pressure is {test.pressure.max() * 10:.3g} bar: are the pressures in the "
+            "unit that the file says or asks for?"
+        )
+    known = np.flatnonzero(np.isfinite(test.apex_displacement))
+    if len(known):
+        if test.apex_displacement[known[test.pressure[known].argmax()]] < 0:
+            yield "the apex moves to -z under pressure: the z axis points into the specimen"
+        yield from _about_rise(test, known)
+
+
+def _about_order(test: BulgeTest) -> Iterator[str]:
     if not test.pressure_increases:
-        frame = int(np.flatnonzero(np.diff(pressure) <= 0)[0]) + 1
+        frame = int(np.flatnonzero(np.diff(test.pressure) <= 0)[0]) + 1
         yield f"pressure does not increase at frame {frame}: unloading, or frames out of order"
     if test.n_frames < _FEW_FRAMES:
         yield f"only {test.n_frames} frames: little to tell stiffness from other effects"
-    low, high = _USUAL_PRESSURE
-    if not low <= pressure.max() <= high:
-        yield (
-            f"highest pressure is {pressure.max() * 10:.3g} bar: are the pressures in the unit "
-            "that the file says or asks for?"
-        )
     if test.time is not None and (np.diff(test.time) <= 0).any():
         frame = int(np.flatnonzero(np.diff(test.time) <= 0)[0]) + 1
         yield f"time does not increase at frame {frame}: frames out of order"
@@ -151,11 +162,8 @@ def _about_apex(test: BulgeTest) -> Iterator[str]:
         return
     order = known[np.argsort(test.pressure[known], kind="stable")]
     rise = test.apex_displacement[order]
-    if rise[-1] < 0:
-        yield "the apex moves to -z under pressure: the z axis points into the specimen"
-        return
     falls = np.flatnonzero(np.diff(rise) < -_APEX_FALL)
-    if len(falls):
+    if len(falls) and rise[-1] >= 0:
         before, after = order[falls[0]], order[falls[0] + 1]
         yield (
             f"the apex does not grow with pressure at {len(falls)} of {len(order) - 1} steps, "
@@ -163,10 +171,7 @@ def _about_apex(test: BulgeTest) -> Iterator[str]:
         )
 
 
-def _about_rise(test: BulgeTest) -> Iterator[str]:
-    known = np.flatnonzero(np.isfinite(test.apex_displacement))
-    if not len(known):
-        return
+def _about_rise(test: BulgeTest, known: NDArray[np.intp]) -> Iterator[str]:
     first, last = known[test.pressure[known].argmin()], known[test.pressure[known].argmax()]
     low, high = (float(test.pressure[frame]) for frame in (first, last))
     before, after = (float(test.apex_displacement[frame]) for frame in (first, last))
