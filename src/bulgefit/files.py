@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bulgefit.errors import InputError
 
-__all__ = ["atomic_path", "atomic_write_bytes", "atomic_write_text", "check_output"]
+__all__ = [
+    "atomic_path",
+    "atomic_write_bytes",
+    "atomic_write_text",
+    "check_apart",
+    "check_folder",
+    "check_output",
+]
+
+Place = str | os.PathLike[str]
 
 
-def check_output(path: str | os.PathLike[str], force: bool = False) -> Path:
+def check_output(path: Place, force: bool = False) -> Path:
     """Refuse an output that cannot be, before the work for it is done.
 
     Parameters
@@ -31,14 +40,67 @@ def check_output(path: str | os.PathLike[str], force: bool = False) -> Path:
     Raises
     ------
     InputError
-        The file exists and `force` is false, is not a regular file, or its folder is missing.
+        The file exists and `force` is false, is not a regular file, or its folder is missing or
+        takes no file.
     """
+    target = _target(path, force)
+    with _written(path):
+        _try(_temporary(target))
+    return target
+
+
+def check_folder(folder: Place) -> None:
+    """Refuse a folder that takes no file, or cannot be made, before the work for it is done.
+
+    Parameters
+    ----------
+    folder : path
+        Need not be there yet.
+
+    Raises
+    ------
+    InputError
+    """
+    folder = Path(folder)
+    standing = next(p for p in (folder, *folder.absolute().parents) if os.path.lexists(p))
+    if not standing.is_dir():
+        raise InputError(f"{folder}: {standing} is a file; name a folder")
+    with _written(folder):
+        _try(_temporary(standing / "file"))
+
+
+def check_apart(outputs: Iterable[Place], inputs: Iterable[Place] = ()) -> None:
+    """Refuse outputs that would replace one another or what is read, whatever they are called.
+
+    Parameters
+    ----------
+    outputs : iterable of paths
+        The files to be written.
+    inputs : iterable of paths
+        What is read; of a folder every file counts.
+
+    Raises
+    ------
+    InputError
+    """
+    read = {os.path.realpath(path) for path in inputs}
+    taken: set[str] = set()
+    for path in outputs:
+        place = os.path.realpath(path)
+        if place in read or (os.path.dirname(place) in read and os.path.exists(place)):
+            raise InputError(f"{path}: would replace what is read as input; name another file")
+        if place in taken:
+            raise InputError(f"{path}: two outputs have this name; give each a name of its own")
+        taken.add(place)
+
+
+def _target(path: Place, force: bool) -> Path:
     target = Path(os.path.realpath(path))
-    if target.is_dir():
+    if os.path.isdir(target):  # unlike Path's own, not stopped by a name that is too long
         raise InputError(f"{path}: is a folder; name a file to write")
     if not target.parent.is_dir():
         raise InputError(f"{path}: the folder {target.parent} does not exist; make it first")
-    if target.exists():
+    if os.path.exists(target):
         # renaming over a device such as /dev/null would replace the device itself
         if not target.is_file():
             raise InputError(f"{path}: is not a regular file; name a file to write")
@@ -48,7 +110,7 @@ def check_output(path: str | os.PathLike[str], force: bool = False) -> Path:
 
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str], force: bool = False) -> Iterator[Path]:
+def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
     """Give a temporary path beside `path`; rename it to `path` when the block ends well.
 
     The temporary path has the suffix of `path`, for writers that choose a format by it. Where
@@ -71,33 +133,55 @@ def atomic_path(path: str | os.PathLike[str], force: bool = False) -> Iterator[P
     InputError
         `path` is refused by `check_output`, the folder is read-only, or the disk is full.
     """
-    target = check_output(path, force)
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    target = _target(path, force)
+    temporary = _temporary(target)
     try:
-        # not tempfile: its files are private to the user whatever the umask says
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-        yield temporary
-        _to_disk(temporary)
-        os.replace(temporary, target)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(
-            f"{path}: cannot be written ({reason}); nothing was changed, choose another place"
-        ) from error
+        with _written(path):
+            _make(temporary)
+            yield temporary
+            _to_disk(temporary)
+            os.replace(temporary, target)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
 
-def atomic_write_bytes(path: str | os.PathLike[str], data: bytes, force: bool = False) -> None:
+def atomic_write_bytes(path: Place, data: bytes, force: bool = False) -> None:
     """Write `data` to `path`, whole or not at all (see `atomic_path`)."""
     with atomic_path(path, force) as temporary:
         temporary.write_bytes(data)
 
 
-def atomic_write_text(path: str | os.PathLike[str], text: str, force: bool = False) -> None:
+def atomic_write_text(path: Place, text: str, force: bool = False) -> None:
     """Write `text` as UTF-8 to `path`, whole or not at all (see `atomic_path`)."""
     atomic_write_bytes(path, text.encode(), force)
+
+
+@contextmanager
+def _written(path: Place) -> Iterator[None]:
+    """Say of what the system refuses that `path` cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(
+            f"{path}: cannot be written ({reason}); nothing was changed, choose another place"
+        ) from error
+
+
+def _temporary(target: Path) -> Path:
+    return target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+
+
+def _make(path: Path) -> None:
+    # not tempfile: its files are private to the user whatever the umask says
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+
+
+def _try(path: Path) -> None:
+    """Make a file and remove it: permissions alone do not tell whether that can be."""
+    _make(path)
+    path.unlink()
 
 
 def _to_disk(path: Path) -> None:

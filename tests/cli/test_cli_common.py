@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from bulgefit.cli import _common
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
+from bulgefit.files import check_folder
 
 
 def parsed(*words):
@@ -116,17 +118,75 @@ def test_json(tmp_path, capsys):
     assert json.loads(file.read_text(encoding="utf-8")) == plain
     with pytest.raises(InputError, match="exists; use --force"):
         _common.write_json(payload, str(file))
+    _common.write_json({"name": "caf\udce9"}, str(file), force=True)  # as of a Latin-1 file name
+    assert json.loads(file.read_text()) == {"name": "caf\udce9"}
     _common.write_json({}, str(file), force=True)
     assert json.loads(file.read_text()) == {}
 
 
-def test_json_target_is_checked_first(tmp_path):
-    (tmp_path / "r.json").touch()
+def test_outputs_are_checked_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("r.json", "in.npz", "frames/f.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "link.npz").symlink_to("in.npz")
+
+    def check(*words, inputs=("in.npz", None), others=()):
+        _common.check_outputs(parsed(*words), inputs, others)
+
     with pytest.raises(InputError, match="exists"):
-        _common.check_json_target(parsed("--json", str(tmp_path / "r.json")))
-    _common.check_json_target(parsed("--json", str(tmp_path / "r.json"), "--force"))
-    _common.check_json_target(parsed("--json", "-"))
-    _common.check_json_target(parsed())
+        check("--json", "r.json")
+    check("--json", "r.json", "--force", others=["s.npz"])
+    check("--json", "-", others=["-"])
+    check()
+    for name in ("in.npz", "./in.npz", "link.npz", str(tmp_path / "in.npz")):
+        with pytest.raises(InputError, match="would replace what is read"):
+            check("--json", name, "--force")
+    with pytest.raises(InputError, match="would replace what is read"):
+        check("--json", "frames/f.csv", "--force", inputs=["frames"])
+    check("--json", "frames/r.json", inputs=["frames"])
+    with pytest.raises(InputError, match="two outputs have this name"):
+        check("--json", "r.json", "--force", others=["./r.json"])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_places_that_take_no_file_are_refused_first(tmp_path):
+    """Even root may not make files in /proc."""
+    for file in ("/proc/r.json", str(tmp_path / ("a" * 250))):
+        with pytest.raises(InputError, match="cannot be written"):
+            _common.check_outputs(parsed("--json", file), [])
+    with pytest.raises(InputError, match="/proc/new: cannot be written"):
+        check_folder("/proc/new")
+    (tmp_path / "gone").symlink_to("nowhere")
+    with pytest.raises(InputError, match="gone is a file; name a folder"):
+        check_folder(tmp_path / "gone" / "new")
+    check_folder(tmp_path / "new" / "folder")
+    assert [path.name for path in tmp_path.iterdir()] == ["gone"]
+
+
+def test_what_fails_keeps_back_none_of_the_rest(tmp_path, capsys):
+    done = []
+
+    def work(name, error=None):
+        def do():
+            done.append(name)
+            if error:
+                raise error
+
+        return do
+
+    file = tmp_path / "r.json"
+    args = parsed("--json", str(file))
+    with pytest.raises(InputError, match="no picture"):
+        _common.deliver(args, {"a": 1}, "table", work(1, InputError("no picture")), work(2))
+    assert (done, json.loads(file.read_text())) == ([1, 2], {"a": 1})
+    assert capsys.readouterr().out == "table\n"
+    with pytest.raises(InputError, match="exists"):
+        _common.deliver(args, {"a": 2}, "table", work(3))
+    assert (done[2:], json.loads(file.read_text())) == ([3], {"a": 1})
+    assert capsys.readouterr().out == "table\n"
+    _common.deliver(parsed("--json", "-"), {"a": 3}, "table")
+    assert json.loads(capsys.readouterr().out) == {"a": 3}
 
 
 def test_workers():

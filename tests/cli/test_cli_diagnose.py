@@ -114,6 +114,7 @@ def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
         ("--workers 0: give 1 or more", ["--workers", "0"]),
         ("every frame of good lies above it", ["--max-pressure", "0.01"]),
         ("good.npz: exists; use --force", ["--json", "good.npz"]),
+        ("good.npz: would replace what is read", ["--json", "good.npz", "--force"]),
         ("nowhere does not exist", ["--json", "nowhere/gap.json"]),
         ("good.npz is a file; name a folder", ["--report", "good.npz"]),
         ("--holdout good.npz: is among the tests", ["--holdout", "good.npz"]),
@@ -122,6 +123,12 @@ def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
 )
 def test_refused_before_the_work(folder, untouched, capsys, message, words):
     refused(capsys, message, "good.npz", *words)
+
+
+def test_json_that_is_a_file_of_the_report(folder, untouched, capsys):
+    (folder / "report").mkdir()
+    words = ["good.npz", "--report", "report", "--json", "report/summary.html"]
+    refused(capsys, "two outputs have this name", *words)
 
 
 def test_an_older_report_is_kept(folder, untouched, capsys):

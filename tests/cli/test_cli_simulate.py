@@ -13,7 +13,7 @@ import pytest
 
 from bulgefit.cli.main import main
 from bulgefit.dic import read_test
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import BulgefitError, InputError, SolveError
 from bulgefit.fem.mesh import disc
 from bulgefit.simulation import simulate
 
@@ -204,6 +204,10 @@ BAD = {
     "json exists": (["--json", "there.json"], "there.json: exists; use --force"),
     "json folder": (["--json", "."], "is a folder"),
     "no folder": (["--json", "no/such/r.json"], "does not exist"),
+    "json in the mesh": (["--mesh", "m.npz", "--json", "m.npz", "--force"], "would replace what"),
+    "outputs of one name": (["--output", "z.npz", "--json", "./z.npz"], "two outputs have this"),
+    "picture and json": (["--picture", "z.png", "--json", "z.png"], "two outputs have this name"),
+    "piece and json": (["--output", "a.pvd", "--json", "a_0000.vtu"], "two outputs have this"),
     "output exists": (["--output", "m.npz"], "m.npz: exists; use --force"),
     "output kind": (["--output", "path.txt"], "ends in .npz or .pvd"),
     "piece exists": (["--output", "path.pvd"], "path_0000.vtu: exists; use --force"),
@@ -236,10 +240,27 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_place_that_cannot_be_written(capsys):
-    """Even root may not make files in /proc."""
-    assert run(*MATERIAL, "--refine", 1, "--pressure", "1", "--json", "/proc/r.json") == 2
-    assert "/proc/r.json: cannot be written" in capsys.readouterr().err
+@pytest.mark.parametrize("option", ["--json", "--output", "--picture"])
+def test_place_that_cannot_be_written(option, monkeypatch, capsys):
+    """Even root may not make files in /proc; it is seen before the work."""
+    file = {"--json": "/proc/r.json", "--output": "/proc/r.npz", "--picture": "/proc/r.png"}[option]
+    monkeypatch.setattr("bulgefit.simulation.simulate", lambda *_, **__: pytest.fail("began"))
+    assert run(*MATERIAL, "--refine", 1, "--pressure", "1", option, file) == 2
+    assert f"{file}: cannot be written" in capsys.readouterr().err
+
+
+def test_a_picture_that_fails_keeps_back_nothing_else(tmp_path, monkeypatch, capsys):
+    def fails(*_, **__):
+        raise BulgefitError("no OpenGL")
+
+    monkeypatch.setattr("bulgefit.report.fields.plot_fields", fails)
+    files = [tmp_path / "p.npz", tmp_path / "p.json"]
+    words = ["--output", files[0], "--json", files[1], "--picture", tmp_path / "p.png"]
+    assert run(*MATERIAL, "--refine", 1, "--pressure", "1", "--quiet", *words) == 2
+    output = capsys.readouterr()
+    assert "apex" in output.out
+    assert output.err == "bulgefit simulate: error: no OpenGL\n"
+    assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write to read-only folders")

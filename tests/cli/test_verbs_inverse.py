@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bulgefit.cli.main import main
+from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.model.observation import observe
 from bulgefit.simulation import simulate
@@ -237,6 +238,8 @@ COMPARISON = {
     "columns of an npz": (["--columns", "x=X"], "has no option 'columns'"),
     "radius": (["--radius", "-1"], "radius -1 mm must be positive"),
     "json exists": (["--json", "good.npz"], "good.npz: exists; use --force to replace it"),
+    "json on the test": (["--json", "./good.npz", "--force"], "would replace what is read"),
+    "json on the mesh": (["--mesh", "mesh.npz", "--json", "mesh.npz", "--force"], "would replace"),
     "json folder": (["--json", "."], "is a folder"),
     "json nowhere": (["--json", "no/such.json"], "does not exist"),
     "option": (["--colour", "red"], "unrecognized arguments: --colour red"),
@@ -310,10 +313,53 @@ def test_read_only_folder(verb, folder, capsys):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_place_that_cannot_be_written(folder, capsys):
-    """Even root may not make files in /proc."""
-    words = ["evaluate", "good.npz", "--undeformed", "--json", "/proc/r.json"]
+@pytest.mark.parametrize("verb", VERBS)
+def test_place_that_cannot_be_written(verb, folder, monkeypatch, capsys):
+    """Even root may not make files in /proc; it is seen before the work."""
+    monkeypatch.setattr("bulgefit.cli._inverse.read_tests", lambda args: pytest.fail("began"))
+    words = [verb, "good.npz", *VERBS[verb], "--json", "/proc/r.json"]
     refused(capsys, folder, "/proc/r.json: cannot be written", *words)
+
+
+def test_json_that_is_a_figure(folder, capsys):
+    Path("f").mkdir()
+    words = ["fit", "good.npz", *BOUNDS, "--plots", "f", "--json", "f/good_profiles.png"]
+    refused(capsys, folder, "two outputs have this name", *words)
+
+
+def test_json_on_a_test_that_info_reads(folder, capsys):
+    words = ["info", "good.npz", "--json", "good.npz", "--force"]
+    refused(capsys, folder, "good.npz: would replace what is read as input", *words)
+
+
+def test_a_fit_is_given_whatever_becomes_of_the_rest(folder, monkeypatch, capsys):
+    def fails(*_, **__):
+        raise InputError("next to no frame")
+
+    monkeypatch.setattr("bulgefit.inverse.bootstrap.bootstrap", fails)
+    words = ["fit", "good.npz", "--material", "isotropic", "--starts", 1, "--refine", REFINE]
+    words += ["--max-evaluations", 1, "--quiet", "--bootstrap", 20, "--workers", 1]
+    assert run(*words, "--json", "r.json", "--plots", "f") == 2
+    output = capsys.readouterr()
+    assert "e_w = " in output.out
+    assert output.err == "bulgefit fit: error: next to no frame\n"
+    assert "bootstrap" not in json.loads(Path("r.json").read_text())
+    assert len(os.listdir("f")) == 2
+
+
+def test_figures_are_drawn_for_a_reader_who_leaves(folder):
+    read, write = os.pipe()
+    os.close(read)
+    words = ["fit", "good.npz", "--material", "isotropic", "--starts", "1", "--refine", "2"]
+    words += ["--max-evaluations", "1", "--quiet", "--plots", "f", "--json", "r.json"]
+    with os.fdopen(write, "w") as gone:
+        done = subprocess.run(
+            [sys.executable, "-m", "bulgefit", *words], stdout=gone, stderr=subprocess.PIPE,
+            text=True, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (141, "")
+    assert sorted(os.listdir("f")) == ["good_profiles.png", "good_residuals.png"]
+    assert Path("r.json").exists()
 
 
 @pytest.mark.parametrize("verb", VERBS)

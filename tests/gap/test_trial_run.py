@@ -240,6 +240,17 @@ def test_bad_input_is_one_line(tmp_path, words, said):
     assert not (tmp_path / "t").exists()
 
 
+def test_json_that_would_replace_the_trial(tmp_path):
+    small(tmp_path, 1)
+    folder = tmp_path / "trial"
+    for name in ("trial.json", "seals.txt", "answers/test_0000.json"):
+        before = (folder / name).read_bytes()
+        words = ["--output", str(folder), "--score", "--json", str(folder / name), "--force"]
+        with pytest.raises(InputError, match="would replace what is read"):
+            verb.run(arguments(*words))
+        assert (folder / name).read_bytes() == before
+
+
 def test_verb_prints_the_table_and_writes_json(tmp_path, monkeypatch, capsys):
     def fake(number, seed, **options):
         here = {"makers": Inline(), "executor": Inline(), "recipe": SMALL, "diagnose": silent}

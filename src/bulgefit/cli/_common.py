@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from bulgefit.fem.mesh import Mesh
     from bulgefit.model.parameters import Material
 
@@ -23,7 +25,8 @@ __all__ = [
     "add_solver_arguments",
     "add_workers_argument",
     "announce_kernels",
-    "check_json_target",
+    "check_outputs",
+    "deliver",
     "executor_from",
     "load_mesh",
     "material_from",
@@ -227,12 +230,52 @@ def prints_json(args: argparse.Namespace) -> bool:
     return bool(args.json == "-")
 
 
-def check_json_target(args: argparse.Namespace) -> None:
-    """Refuse a --json FILE that cannot be written, before the work is done."""
-    from bulgefit.files import check_output
+def check_outputs(
+    args: argparse.Namespace, inputs: Iterable[str | None], others: Iterable[str | Path] = ()
+) -> None:
+    """Refuse outputs that cannot be, before the work for them is done.
 
+    Parameters
+    ----------
+    args : Namespace
+        Of which --json is checked.
+    inputs : iterable of str or None
+        What is read, and must not be replaced.
+    others : iterable of paths
+        Further outputs, whose names alone are checked: each must be another's.
+    """
+    from bulgefit.files import check_apart, check_output
+
+    outputs = [*others]
     if args.json is not None and not prints_json(args):
         check_output(args.json, args.force)
+        outputs.append(args.json)
+    check_apart(outputs, [path for path in inputs if path is not None])
+
+
+def deliver(
+    args: argparse.Namespace, payload: Mapping[str, Any], text: str, *works: Callable[[], None]
+) -> None:
+    """Write --json FILE, do the other works, and print; what fails keeps back none of the rest.
+
+    Parameters
+    ----------
+    payload : mapping
+        The result for scripts, as `write_json` takes it.
+    text : str
+        The result to read, printed unless --json - asks for the payload there.
+    works : callables
+        They write further files. Printing comes last, since a pipe that is closed ends all.
+    """
+    with ExitStack() as rest:  # what is put first is done last
+        if prints_json(args):
+            rest.callback(write_json, payload, "-")
+        else:
+            rest.callback(print, text)
+        for work in reversed(works):
+            rest.callback(work)
+        if args.json is not None and not prints_json(args):
+            write_json(payload, args.json, args.force)
 
 
 def write_json(payload: Mapping[str, Any], target: str, force: bool = False) -> None:
@@ -247,7 +290,8 @@ def write_json(payload: Mapping[str, Any], target: str, force: bool = False) -> 
     force : bool
         Whether a file that exists may be replaced.
     """
-    text = json.dumps(_plain(payload), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    # in ASCII, which every terminal and every file knows
+    text = json.dumps(_plain(payload), indent=2, allow_nan=False) + "\n"
     if target == "-":
         sys.stdout.write(text)
     else:

@@ -19,6 +19,7 @@ __all__ = [
     "add_comparison_arguments",
     "add_search_arguments",
     "comparison_options",
+    "inputs",
     "read_tests",
     "search_options",
 ]
@@ -123,6 +124,11 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)
+
+
+def inputs(args: argparse.Namespace) -> list[str | None]:
+    """What is read: tests and, if given, a mesh."""
+    return [*args.tests, getattr(args, "mesh", None)]
 
 
 def read_tests(args: argparse.Namespace) -> list[BulgeTest]:

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Cross-validate and print."""
-    _common.check_json_target(args)
+    _common.check_outputs(args, _inverse.inputs(args))
     tests = _inverse.read_tests(args)
     options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
 
@@ -45,10 +45,7 @@ def run(args: argparse.Namespace) -> int:
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
     with _common.executor_from(args) as executor:
         result = crossval(tests, args.objective, executor=executor, **options)
-    if args.json is not None:
-        _common.write_json(result, args.json, args.force)
-    if not _common.prints_json(args):
-        print(_table(result))
+    _common.deliver(args, result, _table(result))
     return 0
 
 

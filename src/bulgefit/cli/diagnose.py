@@ -6,6 +6,7 @@ import argparse
 import shutil
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common, _inverse
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bulgefit.dic import BulgeTest
+    from bulgefit.gap.diagnosis import Diagnosis
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -88,7 +90,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, print, write and draw."""
-    _common.check_json_target(args)
+    inputs = [*_inverse.inputs(args), args.holdout]
+    _common.check_outputs(args, inputs)
     effects = _effects(args.effects)
     workers = _common.workers_from(args)
     if args.seed < 0:
@@ -98,10 +101,11 @@ def run(args: argparse.Namespace) -> int:
     if args.report is not None:
         from bulgefit.report.diagnosis import check_report
 
-        check_report([t.name for t in tests], args.report, args.force)
+        files = check_report([t.name for t in tests], args.report, args.force)
+        _common.check_outputs(args, inputs, files)
 
     from bulgefit.gap.diagnosis import diagnose
-    from bulgefit.report.diagnosis import report_text, write_report
+    from bulgefit.report.diagnosis import report_text
 
     _common.announce_kernels(args)
     with (
@@ -121,14 +125,16 @@ def run(args: argparse.Namespace) -> int:
             workers=1 if args.scheduler else workers,
             say=progress.say,
         )
-    if args.json is not None:
-        _common.write_json(found.to_dict(), args.json, args.force)
-    if args.report is not None:  # before what a closed pipe may end
-        files = write_report(found, args.report, force=args.force)
-        _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
-    if not _common.prints_json(args):
-        print(report_text(found))
+    works = [] if args.report is None else [partial(_draw, args, found)]
+    _common.deliver(args, found.to_dict(), report_text(found), *works)
     return 0
+
+
+def _draw(args: argparse.Namespace, found: Diagnosis) -> None:
+    from bulgefit.report.diagnosis import write_report
+
+    files = write_report(found, args.report, force=args.force)
+    _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
 
 
 def _holdout(args: argparse.Namespace) -> BulgeTest | None:

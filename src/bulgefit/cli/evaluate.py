@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    _common.check_json_target(args)
+    _common.check_outputs(args, _inverse.inputs(args))
     if args.undeformed:
         for name in ("E1", "E2", "G12", "nu12", "E", "nu", "G"):
             if getattr(args, name) is not None:
@@ -62,10 +62,7 @@ def run(args: argparse.Namespace) -> int:
         material = _common.material_from(args, ratio)
         _common.announce_kernels(args)
         result = evaluate(tests, material, **options)
-    if args.json is not None:
-        _common.write_json(result, args.json, args.force)
-    if not _common.prints_json(args):
-        print(_table(result))
+    _common.deliver(args, result, _table(result))
     return 0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,14 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, print, write and draw."""
-    _common.check_json_target(args)
+    _common.check_outputs(args, _inverse.inputs(args))
     tests = _inverse.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
     options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
     if args.bootstrap is not None and args.bootstrap < 1:
         raise InputError(f"--bootstrap {args.bootstrap}: give 1 or more")
 
-    from bulgefit.inverse.bootstrap import bootstrap
     from bulgefit.inverse.fit import fit
 
     _common.announce_kernels(args)
@@ -83,29 +82,38 @@ def run(args: argparse.Namespace) -> int:
         f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
         f"{args.starts} starts",
     )
-    sure = None
     with _common.executor_from(args, processes=args.bootstrap is not None) as executor:
         options["executor"] = executor
         result = fit(tests, args.objective, **options)
-        payload = result.to_dict()
-        if args.cross_table:
-            payload["cross_table"] = _cross_table(args, result, tests, options)
-        if args.bootstrap is not None:
-            _common.progress(args, f"refitting {args.bootstrap} times")
-            same = {key: options[key] for key in ("seed", "method", "limits", "executor")}
-            sure = bootstrap(result, tests, replicates=args.bootstrap, **same)
-            payload["bootstrap"] = sure.to_dict()
-    if args.json is not None:
-        _common.write_json(payload, args.json, args.force)
-    if not _common.prints_json(args):
-        print(result.report())
-        if sure is not None:
-            print(sure.report())
-        if args.cross_table:
-            print(_cross_lines(payload["cross_table"]))
-    if figures:
-        _draw(args, result, options["setup"], tests, figures)
+        payload, lines = result.to_dict(), [result.report()]
+        try:
+            _extend(args, result, tests, options, payload, lines)
+        finally:  # the fit is given whatever becomes of what was asked beside it
+            works = [partial(_draw, args, result, options["setup"], tests, figures)]
+            _common.deliver(args, payload, "\n".join(lines), *(works if figures else []))
     return 0
+
+
+def _extend(
+    args: argparse.Namespace,
+    result: FitResult,
+    tests: list[BulgeTest],
+    options: dict[str, Any],
+    payload: dict[str, Any],
+    lines: list[str],
+) -> None:
+    """Add --bootstrap and --cross-table to the payload and to the lines, each once it is there."""
+    from bulgefit.inverse.bootstrap import bootstrap
+
+    if args.bootstrap is not None:
+        _common.progress(args, f"refitting {args.bootstrap} times")
+        same = {key: options[key] for key in ("seed", "method", "limits", "executor")}
+        sure = bootstrap(result, tests, replicates=args.bootstrap, **same)
+        payload["bootstrap"] = sure.to_dict()
+        lines.append(sure.report())
+    if args.cross_table:
+        payload["cross_table"] = _cross_table(args, result, tests, options)
+        lines.append(_cross_lines(payload["cross_table"]))
 
 
 def _cross_table(
@@ -139,21 +147,19 @@ def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:
 
 def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path, Path]]:
     """Profile and residual picture of each test; refused before the work where they exist."""
-    from bulgefit.files import check_output
+    from bulgefit.files import check_folder, check_output
 
     if args.plots is None:
         return []
     folder = Path(args.plots)
-    standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    if not standing.is_dir():
-        raise InputError(f"--plots {folder}: {standing} is a file; name a folder")
-    if not os.access(standing, os.W_OK | os.X_OK):
-        raise InputError(f"--plots {folder}: nothing can be written into {standing}")
+    check_folder(folder)
     unique = [n if names.count(n) == 1 else f"{n}_{i + 1}" for i, n in enumerate(names)]
     pairs = [(folder / f"{n}_profiles.png", folder / f"{n}_residuals.png") for n in unique]
+    files = [path for pair in pairs for path in pair]
     if folder.is_dir():
-        for path in (p for pair in pairs for p in pair):
+        for path in files:
             check_output(path, args.force)
+    _common.check_outputs(args, _inverse.inputs(args), files)
     return pairs
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
+from bulgefit.cli import _common
 from bulgefit.cli.tests_in import add_reader_arguments, reader_options
 
 if TYPE_CHECKING:
@@ -47,19 +47,10 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import asdict
 
     from bulgefit.dic import describe, read_test
-    from bulgefit.files import atomic_write_text, check_output
 
-    to_file = args.json is not None and args.json != "-"
-    if to_file:
-        check_output(args.json, args.force)
+    _common.check_outputs(args, [args.test])
     info = describe(read_test(args.test, **reader_options(args)))
-    text = json.dumps(asdict(info), indent=2, allow_nan=False)
-    if args.json == "-":
-        print(text)
-        return 0
-    if to_file:
-        atomic_write_text(args.json, text + "\n", args.force)
-    print(_table(info))
+    _common.deliver(args, asdict(info), _table(info))
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,11 +110,13 @@ def run(args: argparse.Namespace) -> int:
         angle=args.angle,
         **_common.solver_options(args),
     )
-    _write_files(args, result, pressures)
-    if args.json is not None:
-        _common.write_json(_payload(args, result, pressures), args.json, args.force)
-    if not _common.prints_json(args):
-        print(_table(result, pressures))
+    _common.deliver(
+        args,
+        _payload(args, result, pressures),
+        _table(result, pressures),
+        partial(_write_shapes, args, result),
+        partial(_draw, args, result, pressures[-1]),
+    )
     return 0
 
 
@@ -142,42 +145,50 @@ def _check_outputs(args: argparse.Namespace, count: int) -> None:
     """Refuse outputs before anything is computed."""
     from bulgefit.files import check_output
 
-    _common.check_json_target(args)
+    outputs: list[str | Path] = []
     if args.output is not None:
         suffix = Path(args.output).suffix.lower()
         if suffix not in (".npz", ".pvd"):
             raise InputError(f"--output {args.output}: give a name that ends in .npz or .pvd")
-        check_output(args.output, args.force)
+        outputs.append(args.output)
         if suffix == ".pvd":
             from bulgefit.report.paraview import piece_names
 
-            for piece in piece_names(args.output, count):
-                check_output(piece, args.force)
+            outputs += piece_names(args.output, count)
     if args.picture is not None:
         if Path(args.picture).suffix.lower() != ".png":
             raise InputError(f"--picture {args.picture}: give a name that ends in .png")
-        check_output(args.picture, args.force)
+        outputs.append(args.picture)
+    for path in outputs:
+        check_output(path, args.force)
+    _common.check_outputs(args, [args.mesh], outputs)
 
 
-def _write_files(args: argparse.Namespace, result: Simulation, pressures: list[float]) -> None:
-    if args.output is not None:
-        if Path(args.output).suffix.lower() == ".npz":
-            _write_arrays(args, result)
-        else:
-            from bulgefit.report.paraview import write_paraview
+def _write_shapes(args: argparse.Namespace, result: Simulation) -> None:
+    if args.output is None:
+        return
+    if Path(args.output).suffix.lower() == ".npz":
+        _write_arrays(args, result)
+    else:
+        from bulgefit.report.paraview import write_paraview
 
-            write_paraview(result, args.output, force=args.force)
-    if args.picture is not None:
-        from bulgefit.report.fields import plot_fields
+        write_paraview(result, args.output, force=args.force)
 
-        plot_fields(
-            result.mesh.nodes,
-            result.mesh.cells,
-            result.displacement[-1],
-            args.picture,
-            title=f"{pressures[-1]:g} bar, {_described(result)}",
-            force=args.force,
-        )
+
+def _draw(args: argparse.Namespace, result: Simulation, pressure: float) -> None:
+    """The shape at the last pressure given (bar)."""
+    if args.picture is None:
+        return
+    from bulgefit.report.fields import plot_fields
+
+    plot_fields(
+        result.mesh.nodes,
+        result.mesh.cells,
+        result.displacement[-1],
+        args.picture,
+        title=f"{pressure:g} bar, {_described(result)}",
+        force=args.force,
+    )
 
 
 def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:

@@ -79,7 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make, seal, diagnose, open, score."""
-    _common.check_json_target(args)
+    folder = Path(args.output)
+    parts = ("trial.json", "seals.txt", "tests", "sealed", "answers")
+    _common.check_outputs(args, [str(folder / part) for part in parts])
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     if not 1.0 <= args.shrink < float("inf"):
@@ -91,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.gap.trial import run_trial, score_folder
 
     if args.score:
-        return _told(args, score_folder(args.output))
+        return _told(args, score_folder(folder))
     _common.announce_kernels(args)
     elsewhere: AbstractContextManager[Executor | None] = nullcontext()
     if args.scheduler is not None:
@@ -100,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         result = run_trial(
             args.number,
             args.seed,
-            output=Path(args.output),
+            output=folder,
             kinds=kinds,
             strike=args.strike,
             workers=workers,
@@ -116,10 +118,7 @@ def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
     from bulgefit.gap.scoring import report
 
     result["meta"]["versions"] = _common.versions()
-    if args.json is not None:
-        _common.write_json(result, args.json, args.force)
-    if not _common.prints_json(args):
-        print(report(result["scores"]))
+    _common.deliver(args, result, report(result["scores"]))
     return 0
 
 

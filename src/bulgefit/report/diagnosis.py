@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from bulgefit.errors import InputError
-from bulgefit.files import atomic_write_text, check_output
+from bulgefit.files import atomic_write_text, check_folder, check_output
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.report._diagnosis_charts import budget, plot_budget, plot_cosines
 from bulgefit.report._diagnosis_fields import plot_component, plot_signatures
@@ -53,11 +53,7 @@ def check_report(
     InputError
     """
     folder = Path(folder)
-    standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    if not standing.is_dir():
-        raise InputError(f"{folder}: {standing} is a file; name a folder")
-    if not os.access(standing, os.W_OK | os.X_OK):
-        raise InputError(f"{folder}: nothing can be written into {standing}")
+    check_folder(folder)
     kinds = [*(f"field_{c}" for c in COMPONENTS), *_OF_A_TEST]
     files = [folder / f"{stem}_{kind}.png" for stem in file_stems(names) for kind in kinds]
     files += [folder / name for name in _OF_ALL]
