@@ -131,6 +131,15 @@ def test_json_that_is_a_file_of_the_report(folder, untouched, capsys):
     refused(capsys, "two outputs have this name", *words)
 
 
+@pytest.mark.parametrize("name", ["./good.npz", "link.npz", "copy.npz"])
+def test_a_held_out_test_that_is_fitted(name, folder, untouched, capsys):
+    Path("link.npz").symlink_to("good.npz")
+    Path("copy.npz").write_bytes(Path("good.npz").read_bytes())
+    message = f"--holdout {name}: is among the tests diagnosed (as good.npz); name it once"
+    refused(capsys, message, "good.npz", "--holdout", name)
+    refused(capsys, f"good.npz and {Path(name)}: hold the same data", "good.npz", name)
+
+
 def test_an_older_report_is_kept(folder, untouched, capsys):
     (folder / "report").mkdir()
     (folder / "report" / "good_modes.png").write_text("older")

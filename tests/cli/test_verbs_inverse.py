@@ -277,10 +277,20 @@ def test_bad_materials(case, folder, capsys):
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_ratios_that_differ(verb, folder, arrays, capsys):
-    np.savez("stiffer.npz", **{**arrays, "poisson_ratio": np.float64(0.3)})
+    other = {"displacement": arrays["displacement"] + 0.01, "poisson_ratio": np.float64(0.3)}
+    np.savez("stiffer.npz", **{**arrays, **other})
     words = [verb, "good.npz", "stiffer.npz", *VERBS[verb], "--refine", "1", "--quiet"]
     refused(capsys, folder, "Poisson ratios (0.24, 0.3); say which one holds for all", *words)
     assert run(*words, "--nu12", "0.3", *([] if verb == "evaluate" else QUICK)) == 0
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("copy", ["./good.npz", "link.npz", "copy.h5"])
+def test_one_specimen_is_not_two(verb, copy, folder, capsys):
+    Path("link.npz").symlink_to("good.npz")
+    assert run("convert", "good.npz", "copy.h5", "--quiet") == 0
+    message = f"good.npz and {copy.removeprefix('./')}: hold the same data; name each test once"
+    refused(capsys, folder, message, verb, "other.npz", "good.npz", copy, *VERBS[verb])
 
 
 def test_one_test_cannot_be_left_out(folder, capsys):

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common, _inverse
-from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     tests = _inverse.read_tests(args)
-    holdout = _holdout(args)
+    holdout = _holdout(args, tests)
     if args.report is not None:
         from bulgefit.report.diagnosis import check_report
 
@@ -137,14 +137,18 @@ def _draw(args: argparse.Namespace, found: Diagnosis) -> None:
     _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
 
 
-def _holdout(args: argparse.Namespace) -> BulgeTest | None:
+def _holdout(args: argparse.Namespace, tests: list[BulgeTest]) -> BulgeTest | None:
     """The test of --holdout, read and cut as the others."""
     if args.holdout is None:
         return None
-    if args.holdout in args.tests:
-        raise InputError(f"--holdout {args.holdout}: is among the tests diagnosed; name it once")
-    (test,) = _inverse.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
-    return test
+    (kept,) = _inverse.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
+    for test in tests:
+        if same_data(kept, test):
+            raise InputError(
+                f"--holdout {args.holdout}: is among the tests diagnosed (as {test.source}); "
+                "name it once"
+            )
+    return kept
 
 
 def _effects(text: str | None) -> list[str] | None:

@@ -10,7 +10,13 @@ from bulgefit.errors import InputError
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
 
-__all__ = ["add_reader_arguments", "add_tests_argument", "reader_options", "tests_from"]
+__all__ = [
+    "add_reader_arguments",
+    "add_tests_argument",
+    "reader_options",
+    "same_data",
+    "tests_from",
+]
 
 
 def add_tests_argument(parser: argparse.ArgumentParser) -> None:
@@ -64,11 +70,40 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
-    """Read the tests of `args.tests`."""
+    """Read the tests of `args.tests`.
+
+    Raises
+    ------
+    InputError
+        One cannot be read, or two hold the same data: a test that counted twice would be taken
+        for two specimens.
+    """
+    from itertools import combinations
+
     from bulgefit.dic import read_test
 
     options = reader_options(args)
-    return [read_test(path, **options) for path in args.tests]
+    tests = [read_test(path, **options) for path in args.tests]
+    for one, other in combinations(tests, 2):
+        if same_data(one, other):
+            raise InputError(
+                f"{one.source} and {other.source}: hold the same data; name each test once"
+            )
+    return tests
+
+
+def same_data(one: BulgeTest, other: BulgeTest) -> bool:
+    """Whether two tests hold the same measurement, whatever their files are called."""
+    import numpy as np
+
+    return (
+        np.array_equal(one.pressure, other.pressure)
+        and len(one.blocks) == len(other.blocks)
+        and all(
+            np.array_equal(mine.displacement, theirs.displacement, equal_nan=True)
+            for mine, theirs in zip(one.blocks, other.blocks, strict=True)
+        )
+    )
 
 
 def _columns(text: str) -> dict[str, str]:
