@@ -331,6 +331,36 @@ def test_place_that_cannot_be_written(verb, folder, monkeypatch, capsys):
     refused(capsys, folder, "/proc/r.json: cannot be written", *words)
 
 
+def test_figures_stay_in_their_folder(folder, arrays, capsys):
+    """Names of tests may be anything, and alike."""
+    places = []
+    for place, name in (("a", "../up"), ("b", "s"), ("c", "s"), ("d", "s_3")):
+        Path(place).mkdir()
+        content = {**arrays, "displacement": arrays["displacement"] + 0.001 * len(places)}
+        write_frames(Path(place), content, name)
+        places.append(place)
+    words = ["fit", *places, "--material", "isotropic", "--starts", 1, "--refine", 1]
+    assert run(*words, "--max-evaluations", 1, "--plots", "f/g") == 0
+    stems = ["_up", "s_2", "s_1", "s_3"]
+    drawn = [f"{stem}_{kind}.png" for stem in stems for kind in ("profiles", "residuals")]
+    assert sorted(os.listdir("f/g")) == sorted(drawn)
+    assert os.listdir("f") == ["g"]
+
+
+def write_frames(folder, arrays, name):
+    """A folder of CSV frames with a test.json."""
+    place, rows = arrays["reference"], ["file,pressure_bar"]
+    for i, (moved, pressure) in enumerate(
+        zip(arrays["displacement"], arrays["pressure"], strict=True)
+    ):
+        np.savetxt(folder / f"{i}.csv", np.hstack([place, moved]), delimiter=",",
+                   header="x,y,z,dx,dy,dz", comments="")  # fmt: skip
+        rows.append(f"{i}.csv,{10 * pressure}")
+    (folder / "pressure.csv").write_text("\n".join(rows))
+    about = {"name": name, "radius": 100.0, "thickness": 0.81}
+    (folder / "test.json").write_text(json.dumps(about))
+
+
 def test_json_that_is_a_figure(folder, capsys):
     Path("f").mkdir()
     words = ["fit", "good.npz", *BOUNDS, "--plots", "f", "--json", "f/good_profiles.png"]

@@ -16,7 +16,7 @@ from bulgefit.model.specimen import Specimen
 from bulgefit.report import _diagnosis_words as words
 from bulgefit.report._diagnosis_charts import budget, plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where
-from bulgefit.report._diagnosis_parts import file_stems, steps_of
+from bulgefit.report._diagnosis_parts import steps_of
 from bulgefit.report.diagnosis import check_report, report_text, write_report
 
 TRUTH = {
@@ -244,7 +244,3 @@ def test_hints_are_of_effects_that_exist():
 )
 def test_values_carry_the_digits_of_their_error(value, stderr, text):
     assert words.value_text(value, stderr) == text
-
-
-def test_names_of_files():
-    assert file_stems(["a/b", "..", "x", "x"]) == ["a_b", "test", "x_3", "x_4"]

@@ -148,13 +148,14 @@ def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:
 def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path, Path]]:
     """Profile and residual picture of each test; refused before the work where they exist."""
     from bulgefit.files import check_folder, check_output
+    from bulgefit.report.stems import file_stems
 
     if args.plots is None:
         return []
     folder = Path(args.plots)
     check_folder(folder)
-    unique = [n if names.count(n) == 1 else f"{n}_{i + 1}" for i, n in enumerate(names)]
-    pairs = [(folder / f"{n}_profiles.png", folder / f"{n}_residuals.png") for n in unique]
+    stems = file_stems(names)
+    pairs = [(folder / f"{s}_profiles.png", folder / f"{s}_residuals.png") for s in stems]
     files = [path for pair in pairs for path in pair]
     if folder.is_dir():
         for path in files:

@@ -1,9 +1,8 @@
-"""What do the diagnosis's figures share? Names, the steps of the explanation, maps of points."""
+"""What do the diagnosis's figures share? The steps of the explanation, maps of points."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +21,6 @@ __all__ = [
     "colour_bar",
     "data_of",
     "draw_points",
-    "file_stems",
     "frames_of",
     "limit_of",
     "outer_ticks",
@@ -79,12 +77,6 @@ def steps_of(diagnosis: Diagnosis) -> list[Step]:
 def data_of(diagnosis: Diagnosis) -> list[Data]:
     """Specimens with their noise."""
     return [p.data for p in diagnosis.prepared]
-
-
-def file_stems(names: Sequence[str]) -> list[str]:
-    """What the files of each test begin with: its name without what a path cannot hold."""
-    clean = [re.sub(r"[^\w.+-]+", "_", name).strip(".") or "test" for name in names]
-    return [n if clean.count(n) == 1 else f"{n}_{i + 1}" for i, n in enumerate(clean)]
 
 
 def with_causes(diagnosis: Diagnosis, most: int = 2) -> str:

@@ -14,8 +14,9 @@ from bulgefit.report._diagnosis_charts import budget, plot_budget, plot_cosines
 from bulgefit.report._diagnosis_fields import plot_component, plot_signatures
 from bulgefit.report._diagnosis_maps import plot_modes, plot_where
 from bulgefit.report._diagnosis_page import as_html, as_markdown
-from bulgefit.report._diagnosis_parts import COMPONENTS, file_stems
+from bulgefit.report._diagnosis_parts import COMPONENTS
 from bulgefit.report._diagnosis_words import page, table
+from bulgefit.report.stems import file_stems
 
 __all__ = ["check_report", "report_text", "write_report"]
 
