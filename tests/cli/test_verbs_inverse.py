@@ -525,14 +525,41 @@ def test_fit_says_what_ends_at_a_bound(folder, capsys):
 
 
 def test_fit_with_a_bootstrap(folder, capsys):
-    words = ["fit", "good.npz", "--material", "isotropic", "--starts", 1, "--bootstrap", 3]
+    words = ["fit", "good.npz", "--material", "isotropic", "--starts", 1, "--bootstrap", 20]
     result = json_alone(capsys, *words, "--workers", 1)
-    assert result["bootstrap"]["replicates"] == 3
+    assert result["bootstrap"]["replicates"] == 20
     low, high = result["bootstrap"]["parameters"]["E"]["interval"]
     assert low < high
     assert run(*words, "--refine", REFINE, "--workers", 2) == 0
     assert f"  E    {low:>12.6g} to {high:.6g} MPa" in capsys.readouterr().out
-    refused(capsys, folder, "--bootstrap 0: give 1 or more", *words[:-1], 0)
+
+
+def test_bootstraps_that_cannot_be(folder, arrays, monkeypatch, capsys):
+    """They are refused before the fit."""
+    monkeypatch.setattr("bulgefit.inverse.fit.fit", lambda *_, **__: pytest.fail("began"))
+    for number in (0, 1, 19):
+        words = ["fit", "good.npz", *BOUNDS, "--bootstrap", number]
+        refused(capsys, folder, f"--bootstrap {number}: give 20 or more", *words)
+    changed(displacement=arrays["displacement"][3:], pressure=arrays["pressure"][3:])(arrays)
+    words = ["fit", "good.npz", "bad.npz", *BOUNDS, "--bootstrap", 20]
+    refused(capsys, folder, "bad.npz has one frame to draw from", *words)
+
+
+def test_a_cross_table_without_dz(folder, arrays, capsys):
+    """What cannot be fitted is missing from the table, not the table."""
+    moved = arrays["displacement"].copy()
+    moved[..., 2] = np.nan
+    changed(displacement=moved)(arrays)
+    words = ["fit", "bad.npz", "--material", "isotropic", "--starts", 1, "--max-evaluations", 1]
+    table = json_alone(capsys, *words, "--cross-table")["cross_table"]
+    assert table["optimum of e_z"] == {"e": None, "e_w": None, "e_z": None}
+    assert table["optimum of e"]["e"] > 0.0
+    assert run(*words, "--refine", REFINE, "--cross-table") == 0
+    output = capsys.readouterr()
+    assert "no optimum of e_z: bad: nothing was measured that e_z compares" in output.err
+    assert [line.split()[-3:] for line in output.out.splitlines() if "optimum of e_z" in line] == [
+        ["-", "-", "-"]
+    ]
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,14 @@ from bulgefit.errors import InputError
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
     from bulgefit.inverse.fit import FitResult
+    from bulgefit.model.parameters import Material
 
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "find the material parameters of bulge tests"
+
+#: Below, the ends of a 95 % interval are the two outermost refits.
+FEWEST_REFITS = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,8 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--bootstrap",
         type=int,
         metavar="N",
-        help="also fit N times to frames drawn with replacement, and give the 95 %% intervals of "
-        "the parameters (default: none); workers of this machine are then processes",
+        help=f"also fit N times, {FEWEST_REFITS} or more, to frames drawn with replacement, and "
+        "give the 95 %% intervals of the parameters (default: none); workers of this machine are "
+        "then processes",
     )
 
 
@@ -71,8 +76,7 @@ def run(args: argparse.Namespace) -> int:
     tests = _inverse.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
     options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
-    if args.bootstrap is not None and args.bootstrap < 1:
-        raise InputError(f"--bootstrap {args.bootstrap}: give 1 or more")
+    _check_bootstrap(args, tests)
 
     from bulgefit.inverse.fit import fit
 
@@ -92,6 +96,22 @@ def run(args: argparse.Namespace) -> int:
             works = [partial(_draw, args, result, options["setup"], tests, figures)]
             _common.deliver(args, payload, "\n".join(lines), *(works if figures else []))
     return 0
+
+
+def _check_bootstrap(args: argparse.Namespace, tests: list[BulgeTest]) -> None:
+    """Refuse a --bootstrap that cannot be, before the fit."""
+    if args.bootstrap is None:
+        return
+    if args.bootstrap < FEWEST_REFITS:
+        raise InputError(
+            f"--bootstrap {args.bootstrap}: give {FEWEST_REFITS} or more; fewer refits show no "
+            "95 % interval"
+        )
+    for test in tests:
+        if test.n_frames < 2:
+            raise InputError(
+                f"--bootstrap: {test.source} has one frame to draw from; every test needs two"
+            )
 
 
 def _extend(
@@ -119,19 +139,26 @@ def _extend(
 def _cross_table(
     args: argparse.Namespace, result: FitResult, tests: list[BulgeTest], options: dict[str, Any]
 ) -> dict[str, dict[str, float | None]]:
-    """Each objective under each objective's optimum, mm."""
+    """Each objective under each objective's optimum, mm; None where that has none to compare."""
     from bulgefit.inverse.evaluate import cross_table
     from bulgefit.inverse.fit import fit
     from bulgefit.inverse.objective import OBJECTIVES
 
-    optima = {}
+    optima: dict[str, Material] = {}
+    empty: dict[str, dict[str, float | None]] = {}
     for name in OBJECTIVES:
-        if name != args.objective:
-            _common.progress(args, f"fitting {name} for the cross table")
-        found = result if name == args.objective else fit(tests, name, **options)
-        optima[f"optimum of {name}"] = found.material
+        row = f"optimum of {name}"
+        if name == args.objective:
+            optima[row] = result.material
+            continue
+        _common.progress(args, f"fitting {name} for the cross table")
+        try:
+            optima[row] = fit(tests, name, **options).material
+        except InputError as error:  # all else was good for the fit
+            _common.progress(args, f"no {row}: {error}")
+            empty[row] = dict.fromkeys(OBJECTIVES)
     compared = {key: options[key] for key in ("weight", "average", "setup")}
-    return cross_table(tests, optima, **compared)
+    return {**empty, **cross_table(tests, optima, **compared)}
 
 
 def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:
