@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import signal
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -201,6 +202,48 @@ def test_an_interrupted_trial_can_be_scored(tmp_path, strike):
     assert part["meta"]["answered"] == 3
     assert part["meta"]["number"] == 4
     assert part["tests"] == [t for t in whole["tests"] if t["file"] != "test_0002.npz"]
+
+
+NO_OBJECT, CUT = b"[1, 2]", b'{"verdict": "none", "seco'
+DAMAGE = {
+    "no text": ("sealed/test_0000.json", b"\xff\xfe", "no text in UTF-8"),
+    "no truth": ("sealed/test_0000.json", None, "cannot be read"),
+    "half a seal": ("seals.txt", b"0123  sea", "not 1 lines of a SHA-256 and a file"),
+    "no seal": ("seals.txt", b"", "not 1 lines"),
+    "no seals": ("seals.txt", None, "cannot be read"),
+    "no strike": ("trial.json", b'{"number": 1}', "strike is missing"),
+    "no object": ("trial.json", NO_OBJECT, "no JSON object"),
+    "nested": ("trial.json", b"[" * 100_000, "recursion"),
+    "cut answer": ("answers/test_0000.json", CUT, "Unterminated string"),
+    "no answer": ("answers/test_0000.json", NO_OBJECT, "no JSON object"),
+    "no seconds": ("answers/test_0000.json", b'{"verdict": "none"}', "seconds is missing"),
+    "no verdict": ("answers/test_0000.json", b'{"seconds": 1}', "verdict is missing"),
+    "odd causes": (
+        "answers/test_0000.json",
+        b'{"verdict": "named", "seconds": 1, "causes": [1]}',
+        "TypeError",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def trial_done(tmp_path_factory):
+    """The folder of a trial of one test."""
+    place = tmp_path_factory.mktemp("done")
+    small(place, 1, kinds=["none"])
+    return place / "trial"
+
+
+@pytest.mark.parametrize("case", DAMAGE)
+def test_a_damaged_file_is_named(case, trial_done, tmp_path):
+    name, content, message = DAMAGE[case]
+    folder = shutil.copytree(trial_done, tmp_path / "trial")
+    if content is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes(content)
+    with pytest.raises(InputError, match=f"{name}: .*{message}"):
+        score_folder(folder)
 
 
 def test_only_the_folder_of_a_trial_is_scored(tmp_path):

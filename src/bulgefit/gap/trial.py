@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -175,22 +176,73 @@ def score_folder(output: str | Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Not a trial's folder, no answers, or a broken seal.
+        Not a trial's folder, no answers, a file that is damaged, or a broken seal.
     """
     folder = Path(output)
-    try:
-        asked = json.loads((folder / "trial.json").read_text(encoding="utf-8"))
-        lines = (folder / "seals.txt").read_text(encoding="utf-8").split()
-        found = {path.stem: path for path in sorted((folder / "answers").glob("*.json"))}
-        answers = {name: json.loads(p.read_text(encoding="utf-8")) for name, p in found.items()}
-    except (OSError, ValueError) as error:
-        raise InputError(f"{folder}: not the folder of a trial ({error})") from error
-    seals = {Path(name).stem: digest for digest, name in zip(lines[::2], lines[1::2], strict=True)}
-    answered = {name: digest for name, digest in seals.items() if name in answers}
-    if not answered:
+    if not (folder / "trial.json").is_file():
+        raise InputError(f"{folder}: not the folder of a trial, it has no trial.json")
+    asked = _read_object(folder / "trial.json", {"number": int, "strike": bool})
+    seals = _read_seals(folder / "seals.txt", asked["number"])
+    needed = {"verdict": str, "seconds": (int, float)}
+    answers = {
+        path.stem: _read_object(path, needed)
+        for path in sorted((folder / "answers").glob("*.json"))
+        if path.stem in seals
+    }
+    if not answers:
         raise InputError(f"{folder}: no test is answered yet")
+    answered = {name: digest for name, digest in seals.items() if name in answers}
+    for record in _records(folder, asked, answered, answers):
+        _check_answer(folder, record)
     seconds = sum(answer["seconds"] for answer in answers.values())
     return _scored(folder, asked, answered, answers, seconds)
+
+
+def _read_object(path: Path, needed: Mapping[str, Any]) -> dict[str, Any]:
+    """A JSON object of a trial, which has these keys with values of these types."""
+    try:
+        content = json.loads(_text(path))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _damaged(path, str(error)) from error
+    if not isinstance(content, dict):
+        raise _damaged(path, "no JSON object")
+    for key, kind in needed.items():
+        if not isinstance(content.get(key), kind):
+            raise _damaged(path, f"{key} is missing or of the wrong kind")
+    return content
+
+
+def _read_seals(path: Path, number: int) -> dict[str, str]:
+    """SHA-256 of each truth, as `_write_seals` writes them."""
+    lines = _text(path).splitlines()
+    found = [re.fullmatch(r"([0-9a-f]{64})  sealed/(.+)\.json", line) for line in lines]
+    if len(found) != number or not all(found):
+        raise _damaged(path, f"not {number} lines of a SHA-256 and a file")
+    return {match[2]: match[1] for match in found if match}
+
+
+def _check_answer(folder: Path, record: dict[str, Any]) -> None:
+    """Refuse an answer that cannot be scored; its truth is sealed, so it is as it was made."""
+    try:
+        score([record])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        path = folder / "answers" / f"{Path(record['file']).stem}.json"
+        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise _damaged(path, "no text in UTF-8") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(f"{path}: damaged, not as a trial writes it ({why}); restore or remove it")
 
 
 def _scored(
@@ -201,8 +253,23 @@ def _scored(
     seconds: float,
 ) -> dict[str, Any]:
     """Open the truths of sealed tests and score their answers."""
+    records = _records(folder, asked, seals, answers)
+    return {
+        "scores": score(records),
+        "tests": [judge(record) for record in records],
+        "meta": {**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
+    }
+
+
+def _records(
+    folder: Path,
+    asked: Mapping[str, Any],
+    seals: Mapping[str, str],
+    answers: Mapping[str, dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """Truth and answer of each sealed test, as `scoring` takes them."""
     truths = {name: _opened(folder, name, digest) for name, digest in seals.items()}
-    records = [
+    return [
         {
             "file": f"{name}.npz",
             "truth": truth,
@@ -211,11 +278,6 @@ def _scored(
         }
         for name, truth in truths.items()
     ]
-    return {
-        "scores": score(records),
-        "tests": [judge(record) for record in records],
-        "meta": {**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
-    }
 
 
 def _catalogued(truth: Mapping[str, Any]) -> list[str]:
@@ -326,7 +388,7 @@ def _write_seals(folder: Path, seals: Mapping[str, str], say: Callable[[str], No
 
 def _opened(folder: Path, name: str, digest: str) -> dict[str, Any]:
     path = folder / "sealed" / f"{name}.json"
-    text = path.read_text(encoding="utf-8")
+    text = _text(path)
     if seal(text) != digest:
         raise InputError(f"{path}: the seal is broken; the truth was changed after it was sealed")
     return dict(json.loads(text))
