@@ -153,8 +153,11 @@ def atomic_write_bytes(path: Place, data: bytes, force: bool = False) -> None:
 
 
 def atomic_write_text(path: Place, text: str, force: bool = False) -> None:
-    """Write `text` as UTF-8 to `path`, whole or not at all (see `atomic_path`)."""
-    atomic_write_bytes(path, text.encode(), force)
+    """Write `text` as UTF-8 to `path`, whole or not at all (see `atomic_path`).
+
+    What is no letter, such as a byte of a file's name in another encoding, is written as an escape.
+    """
+    atomic_write_bytes(path, text.encode(errors="backslashreplace"), force)
 
 
 @contextmanager

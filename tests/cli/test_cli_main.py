@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
@@ -183,6 +184,66 @@ def test_full_disk_behind_stdout(unbuffered):
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "No space left on device" in done.stderr
+
+
+def bulgefit_in_shell(command, **environment):
+    return subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m bulgefit {command}"],
+        capture_output=True, check=False, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+def few_points(folder):
+    """A folder of one frame with four points."""
+    folder.mkdir()
+    rows = [f"{x},{y},0,0,0,1" for x in (-9, 9) for y in (-9, 9)]
+    (folder / "a.csv").write_text("\n".join(["x,y,z,dx,dy,dz", *rows]))
+    (folder / "pressure.csv").write_text("file,pressure_bar\na.csv,1\n")
+    return folder
+
+
+def test_letters_that_a_terminal_does_not_know():
+    done = bulgefit_in_shell("fit --help", PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"57 N\\xb2 cells" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs file names of any bytes")
+def test_file_names_of_another_encoding(tmp_path):
+    """A Latin-1 name is shown with an escape, on stdout as on stderr."""
+    frames = few_points(tmp_path / os.fsdecode(b"caf\xe9"))
+    words = [sys.executable, "-m", "bulgefit", "info", frames, "--radius", "100"]
+    done = subprocess.run(
+        [*words, "--thickness", "1", "--json", tmp_path / "i.json"],
+        capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rb"caf\udce9" in done.stdout
+    assert json.loads((tmp_path / "i.json").read_text())["name"] == "caf\udce9"
+    done = subprocess.run(words, capture_output=True, check=False)
+    assert done.returncode == 2
+    assert rb"caf\udce9: does not say its thickness" in done.stderr
+
+
+@pytest.mark.parametrize(("closed", "shown"), [(">&-", 0), ("2>&-", 1), (">&- 2>&-", 0)])
+def test_streams_that_are_closed(closed, shown, tmp_path):
+    command = f"simulate --E 250 --pressure 1 --refine 1 --json {tmp_path / 'r.json'} {closed}"
+    done = bulgefit_in_shell(command)
+    assert done.returncode == 0
+    assert b"Error" not in done.stderr
+    assert json.loads((tmp_path / "r.json").read_text())["apex_mm"]
+    assert (b"apex" in done.stdout) == shown
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_full_disk_behind_stderr(tmp_path):
+    """What cannot be said is lost, and nothing else."""
+    assert bulgefit_in_shell("fly 2>/dev/full").returncode == 2
+    frames = few_points(tmp_path / "frames")
+    words = f"convert {frames} {tmp_path / 't.npz'} --radius 100 --thickness 1"
+    assert bulgefit_in_shell(f"{words} 2>/dev/full").returncode == 0
+    assert b"4 points" in bulgefit_in_shell(f"{words} --force").stderr
+    assert bulgefit_in_shell(f"{words} 2>/dev/full").returncode == 2
 
 
 @pytest.mark.parametrize("name", ["read_test", "write_test", "BulgeTest", "simulate", "Mesh",

@@ -10,6 +10,7 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
+from bulgefit.cli.streams import say
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -325,7 +326,7 @@ def named_values(material: Material) -> dict[str, dict[str, Any]]:
 def progress(args: argparse.Namespace, message: str) -> None:
     """Say on stderr what is going on, unless --quiet."""
     if not getattr(args, "quiet", False):
-        print(message, file=sys.stderr, flush=True)
+        say(f"{message}\n")
 
 
 def add_workers_argument(parser: argparse.ArgumentParser) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
+from bulgefit.cli import _common
 from bulgefit.cli.tests_in import add_reader_arguments, reader_options
 from bulgefit.errors import InputError
 
@@ -71,10 +71,9 @@ def run(args: argparse.Namespace) -> int:
     if args.rotate:
         test = test.rotated(args.rotate)
     write_test(test, args.output, force=args.force)
-    if not getattr(args, "quiet", False):
-        print(
-            f"{args.output}: {test.n_frames} frames, {test.n_points} points, "
-            f"{test.pressure.min() * 10:.4g} to {test.pressure.max() * 10:.4g} bar",
-            file=sys.stderr,
-        )
+    _common.progress(
+        args,
+        f"{args.output}: {test.n_frames} frames, {test.n_points} points, "
+        f"{test.pressure.min() * 10:.4g} to {test.pressure.max() * 10:.4g} bar",
+    )
     return 0

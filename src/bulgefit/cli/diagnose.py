@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common, _inverse
+from bulgefit.cli.streams import say
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
 
@@ -183,7 +184,7 @@ class _Progress:
         trace: TracebackType | None,
     ) -> None:
         if self._over and self._count:
-            self._write("\r\x1b[K")
+            say("\r\x1b[K")
 
     def say(self, what: str) -> None:
         """Show one step."""
@@ -193,11 +194,6 @@ class _Progress:
         text = f"{time.monotonic() - self._began:4.0f} s, step {self._count}: {what}"
         if self._over:
             width = shutil.get_terminal_size().columns - 1
-            self._write(f"\r\x1b[K{text[:width]}")
+            say(f"\r\x1b[K{text[:width]}")
         else:
-            self._write(f"{text}\n")
-
-    @staticmethod
-    def _write(text: str) -> None:
-        sys.stderr.write(text)
-        sys.stderr.flush()
+            say(f"{text}\n")

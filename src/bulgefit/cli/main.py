@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import os
 import re
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli.streams import drop, prepare, say
 from bulgefit.errors import BulgefitError
 
 __all__ = ["VERBS", "main"]
@@ -51,6 +50,7 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
     words = list(sys.argv[1:] if argv is None else argv)
+    prepare()
     try:
         try:
             status = _dispatch(words)
@@ -59,20 +59,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        print(f"{_name(words)}: interrupted", file=sys.stderr)
+        say(f"{_name(words)}: interrupted\n")
         return INTERRUPTED
     except BrokenPipeError:  # whoever read our output has left; say nothing
-        _drop_stdout()
+        drop(sys.stdout)
         return BROKEN_PIPE
     except BulgefitError as error:
         message = str(error)
     except OSError as error:  # such as a full disk behind stdout
-        _drop_stdout()
+        drop(sys.stdout)
         where = f"{error.filename}: " if error.filename else ""
         message = f"{where}{error.strerror or error}"
     except MemoryError:
         message = "not enough memory"
-    print(f"{_name(words)}: error: {' '.join(message.split())}", file=sys.stderr)
+    say(f"{_name(words)}: error: {' '.join(message.split())}\n")
     return BAD_INPUT
 
 
@@ -107,7 +107,8 @@ class _Parser(argparse.ArgumentParser):
         (file or sys.stdout).write(self.format_help())
 
     def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        say(f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        self.exit(BAD_INPUT)
 
 
 def _top_parser() -> argparse.ArgumentParser:
@@ -142,12 +143,6 @@ class _Version(argparse.Action):
 
         print(f"bulgefit {bulgefit.__version__}")
         parser.exit()
-
-
-def _drop_stdout() -> None:
-    # what is left in the buffer cannot be written at exit either
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _name(words: Sequence[str]) -> str:
