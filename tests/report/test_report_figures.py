@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -63,6 +65,14 @@ def test_figures_of_frames_with_points_of_their_own(plot, tmp_path):
     test = BulgeTest.from_frames(frames, [0.1, 0.2, 0.3])
     assert len(test.blocks) == 3
     plot(test, tuple(0.5 * block.displacement for block in test.blocks), tmp_path / "f.png")
+    not_blank(tmp_path / "f.png")
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+@pytest.mark.parametrize("name", ["caf\udce9", r"a$\b$"])
+def test_figures_of_tests_of_any_name(plot, name, tmp_path):
+    test, prediction = made(frames=2)
+    plot(replace(test, name=name), prediction, tmp_path / "f.png")
     not_blank(tmp_path / "f.png")
 
 

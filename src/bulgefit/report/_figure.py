@@ -33,9 +33,21 @@ def figure_target(path: str | os.PathLike[str], force: bool) -> Path:
 def save(figure: Any, path: str | os.PathLike[str], force: bool) -> None:
     """Write a figure; it appears whole or not at all, and the same figure gives the same file."""
     suffix = Path(path).suffix.lower()
+    _as_written(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix[1:], dpi=150, metadata=_FORMATS[suffix])
     atomic_write_bytes(path, buffer.getvalue(), force)
+
+
+def _as_written(figure: Any) -> None:
+    """Let no name of a test be taken for a formula, nor stop a font by what is no letter."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        written = text.get_text()
+        if "$" in written:  # not where there is nothing yet: ticks may be formulas
+            text.set_parse_math(False)
+        text.set_text(written.encode(errors="backslashreplace").decode())
 
 
 def check_prediction(test: BulgeTest, prediction: tuple[NDArray[np.floating], ...]) -> None:
