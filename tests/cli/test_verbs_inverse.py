@@ -191,6 +191,7 @@ SEARCH = {
     "bounds of what": (["--bounds", "E9=1:2"], "bounds: 'E9' is no parameter of orthotropic"),
     "bounds of a held one": (["--bounds", "nu12=0:0.4"], "bounds: nu12 is held fixed"),
     "bounds without a name": (["--bounds", "100:200"], "not of the form NAME=LOW:HIGH"),
+    "bounds given twice": (["--bounds", "E1=1:2,E2=1:2,E1=300:400"], "E1 is given twice"),
     "bounds of one number": (["--bounds", "E1=200"], "not of the form NAME=LOW:HIGH"),
     "objective": (["--objective", "e_y"], "objective: 'e_y' is unknown; choose from e, e_w, e_z"),
     "material": (["--material", "steel", "--bounds", ""], "material: 'steel' is unknown"),
@@ -227,6 +228,9 @@ COMPARISON = {
     "interpolation": (["--interpolation", "cubic"], "interpolation: 'cubic' is unknown"),
     "weight": (["--weight", "much"], "--weight 'much': give one number"),
     "two weights": (["--weight", "1,2"], "weight: one of dz, or three"),
+    "weight of nothing": (["--weight", "0,0,0"], "--weight 0,0,0: nothing would be compared"),
+    "max pressure nan": (["--max-pressure", "nan"], "--max-pressure nan: give a pressure above 0"),
+    "max pressure below": (["--max-pressure", "-1"], "--max-pressure -1: give a pressure above 0"),
     "max pressure": (["--max-pressure", "0.01"], "--max-pressure 0.01: every frame of good"),
     "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
     "mesh": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),
@@ -543,6 +547,17 @@ def test_bootstraps_that_cannot_be(folder, arrays, monkeypatch, capsys):
     changed(displacement=arrays["displacement"][3:], pressure=arrays["pressure"][3:])(arrays)
     words = ["fit", "good.npz", "bad.npz", *BOUNDS, "--bootstrap", 20]
     refused(capsys, folder, "bad.npz has one frame to draw from", *words)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("isotropic", "nu"), ("orthotropic", "nu12")])
+def test_different_poisson_ratios(kind, name, folder, arrays, capsys):
+    """The option that is asked for is one that there is."""
+    changed(displacement=arrays["displacement"] + 0.02, poisson_ratio=np.float64(0.3))(arrays)
+    words = ["fit", "good.npz", "bad.npz", "--material", kind, "--starts", 1, "--refine", REFINE]
+    words += ["--max-evaluations", 1]
+    refused(capsys, folder, f"(0.24, 0.3); give one with --{name}", *words)
+    result = json_alone(capsys, *words, f"--{name}", 0.25)
+    assert result["parameters"][name]["value"] == 0.25
 
 
 def test_a_cross_table_without_dz(folder, arrays, capsys):

@@ -85,9 +85,11 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--nu12",
+        "--nu",
         type=float,
         metavar="RATIO",
-        help="Poisson's ratio where it is held (default: what the test says)",
+        help="Poisson's ratio where it is held, nu12 or an isotropic nu (default: what the test "
+        "says)",
     )
     group.add_argument(
         "--bounds",
@@ -137,6 +139,8 @@ def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
 
     from bulgefit.cli.tests_in import tests_from
 
+    if args.max_pressure is not None and not args.max_pressure > 0.0:
+        raise InputError(f"--max-pressure {args.max_pressure:g}: give a pressure above 0 bar")
     tests = tests_from(args)
     if args.max_pressure is None:
         return tests
@@ -212,11 +216,14 @@ def _weight(text: str | None) -> list[float] | None:
     if text is None:
         return None
     try:
-        return [float(item) for item in text.split(",")]
+        weights = [float(item) for item in text.split(",")]
     except ValueError:
         raise InputError(
             f"--weight {text!r}: give one number (of dz) or three (of dx,dy,dz)"
         ) from None
+    if len(weights) == 3 and not any(weights):
+        raise InputError(f"--weight {text}: nothing would be compared; give one weight above 0")
+    return weights
 
 
 def _bounds(text: str) -> dict[str, tuple[float, float]]:
@@ -229,5 +236,7 @@ def _bounds(text: str) -> dict[str, tuple[float, float]]:
             equals = ""
         if not equals or not name:
             raise InputError(f"--bounds: {item!r} is not of the form NAME=LOW:HIGH, as E1=200:400")
+        if name in bounds:
+            raise InputError(f"--bounds: {name} is given twice; give it once")
         bounds[name] = (low, high)
     return bounds
