@@ -77,7 +77,7 @@ def check_apart(outputs: Iterable[Place], inputs: Iterable[Place] = ()) -> None:
     outputs : iterable of paths
         The files to be written.
     inputs : iterable of paths
-        What is read; of a folder every file counts.
+        The files that are read.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def check_apart(outputs: Iterable[Place], inputs: Iterable[Place] = ()) -> None:
     taken: set[str] = set()
     for path in outputs:
         place = os.path.realpath(path)
-        if place in read or (os.path.dirname(place) in read and os.path.exists(place)):
+        if place in read:
             raise InputError(f"{path}: would replace what is read as input; name another file")
         if place in taken:
             raise InputError(f"{path}: two outputs have this name; give each a name of its own")

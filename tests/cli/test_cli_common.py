@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bulgefit.cli import _common
+from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.files import check_folder
@@ -126,13 +127,13 @@ def test_json(tmp_path, capsys):
 
 def test_outputs_are_checked_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("r.json", "in.npz", "frames/f.csv"):
+    for name in ("r.json", "in.npz", "frames/f.csv", "frames/f.txt", "frames/r.json"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     (tmp_path / "link.npz").symlink_to("in.npz")
 
     def check(*words, inputs=("in.npz", None), others=()):
-        _common.check_outputs(parsed(*words), inputs, others)
+        _common.check_outputs(parsed(*words), files_read(inputs), others)
 
     with pytest.raises(InputError, match="exists"):
         check("--json", "r.json")
@@ -142,9 +143,10 @@ def test_outputs_are_checked_first(tmp_path, monkeypatch):
     for name in ("in.npz", "./in.npz", "link.npz", str(tmp_path / "in.npz")):
         with pytest.raises(InputError, match="would replace what is read"):
             check("--json", name, "--force")
-    with pytest.raises(InputError, match="would replace what is read"):
-        check("--json", "frames/f.csv", "--force", inputs=["frames"])
-    check("--json", "frames/r.json", inputs=["frames"])
+    for name in ("f.csv", "f.txt", "test.json"):
+        with pytest.raises(InputError, match="would replace what is read"):
+            check("--json", f"frames/{name}", "--force", inputs=["./frames"])
+    check("--json", "frames/r.json", "--force", inputs=["frames"])
     with pytest.raises(InputError, match="two outputs have this name"):
         check("--json", "r.json", "--force", others=["./r.json"])
 

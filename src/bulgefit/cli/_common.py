@@ -232,7 +232,7 @@ def prints_json(args: argparse.Namespace) -> bool:
 
 
 def check_outputs(
-    args: argparse.Namespace, inputs: Iterable[str | None], others: Iterable[str | Path] = ()
+    args: argparse.Namespace, inputs: Iterable[Path], others: Iterable[str | Path] = ()
 ) -> None:
     """Refuse outputs that cannot be, before the work for them is done.
 
@@ -240,8 +240,8 @@ def check_outputs(
     ----------
     args : Namespace
         Of which --json is checked.
-    inputs : iterable of str or None
-        What is read, and must not be replaced.
+    inputs : iterable of paths
+        The files that are read, and must not be replaced.
     others : iterable of paths
         Further outputs, whose names alone are checked: each must be another's.
     """
@@ -251,7 +251,7 @@ def check_outputs(
     if args.json is not None and not prints_json(args):
         check_output(args.json, args.force)
         outputs.append(args.json)
-    check_apart(outputs, [path for path in inputs if path is not None])
+    check_apart(outputs, inputs)
 
 
 def deliver(

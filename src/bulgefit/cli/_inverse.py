@@ -11,6 +11,7 @@ from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from bulgefit.dic import BulgeTest
     from bulgefit.model.virtual_test import Setup
@@ -128,9 +129,12 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
     _common.add_scheduler_argument(parser)
 
 
-def inputs(args: argparse.Namespace) -> list[str | None]:
-    """What is read: tests and, if given, a mesh."""
-    return [*args.tests, getattr(args, "mesh", None)]
+def inputs(args: argparse.Namespace) -> list[Path]:
+    """The files that are read: of tests and, if given, a mesh and a held-out test."""
+    from bulgefit.cli.tests_in import files_read
+
+    others = [getattr(args, name, None) for name in ("mesh", "holdout")]
+    return files_read([*args.tests, *others])
 
 
 def read_tests(args: argparse.Namespace) -> list[BulgeTest]:

@@ -91,8 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, print, write and draw."""
-    inputs = [*_inverse.inputs(args), args.holdout]
-    _common.check_outputs(args, inputs)
+    _common.check_outputs(args, _inverse.inputs(args))
     effects = _effects(args.effects)
     workers = _common.workers_from(args)
     if args.seed < 0:
@@ -103,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         from bulgefit.report.diagnosis import check_report
 
         files = check_report([t.name for t in tests], args.report, args.force)
-        _common.check_outputs(args, inputs, files)
+        _common.check_outputs(args, _inverse.inputs(args), files)
 
     from bulgefit.gap.diagnosis import diagnose
     from bulgefit.report.diagnosis import report_text

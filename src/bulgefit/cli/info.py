@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
-from bulgefit.cli.tests_in import add_reader_arguments, reader_options
+from bulgefit.cli.tests_in import add_reader_arguments, files_read, reader_options
 
 if TYPE_CHECKING:
     from bulgefit.dic import TestInfo
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.dic import describe, read_test
 
-    _common.check_outputs(args, [args.test])
+    _common.check_outputs(args, files_read([args.test]))
     info = describe(read_test(args.test, **reader_options(args)))
     _common.deliver(args, asdict(info), _table(info))
     return 0

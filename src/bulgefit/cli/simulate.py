@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
+from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def _check_outputs(args: argparse.Namespace, count: int) -> None:
         outputs.append(args.picture)
     for path in outputs:
         check_output(path, args.force)
-    _common.check_outputs(args, [args.mesh], outputs)
+    _common.check_outputs(args, files_read([args.mesh]), outputs)
 
 
 def _write_shapes(args: argparse.Namespace, result: Simulation) -> None:

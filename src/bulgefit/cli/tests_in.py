@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
     from bulgefit.dic import BulgeTest
 
 __all__ = [
     "add_reader_arguments",
     "add_tests_argument",
+    "files_read",
     "reader_options",
     "same_data",
     "tests_from",
@@ -90,6 +94,22 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
                 f"{one.source} and {other.source}: hold the same data; name each test once"
             )
     return tests
+
+
+def files_read(paths: Iterable[str | None]) -> list[Path]:
+    """The files that are read where these paths are named; None stands for an option not given.
+
+    Results and pictures in a folder of frames are none of them.
+    """
+    from pathlib import Path
+
+    found = []
+    for path in (Path(path) for path in paths if path is not None):
+        found.append(path)
+        if path.is_dir():
+            found += [p for p in path.iterdir() if p.suffix not in (".json", ".png")]
+            found.append(path / "test.json")
+    return found
 
 
 def same_data(one: BulgeTest, other: BulgeTest) -> bool:

@@ -80,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Make, seal, diagnose, open, score."""
     folder = Path(args.output)
-    parts = ("trial.json", "seals.txt", "tests", "sealed", "answers")
-    _common.check_outputs(args, [str(folder / part) for part in parts])
+    kept = [p for part in ("tests", "sealed", "answers") for p in folder.glob(f"{part}/*")]
+    _common.check_outputs(args, [folder / "trial.json", folder / "seals.txt", *kept])
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     if not 1.0 <= args.shrink < float("inf"):
