@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose, print, write and draw."""
+    """Diagnose, write, draw and print."""
     _common.check_outputs(args, _inverse.inputs(args))
     effects = _effects(args.effects)
     workers = _common.workers_from(args)

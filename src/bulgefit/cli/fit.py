@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit, print, write and draw."""
+    """Fit, write, draw and print."""
     _common.check_outputs(args, _inverse.inputs(args))
     tests = _inverse.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])

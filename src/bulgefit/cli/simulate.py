@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate, print and write."""
+    """Simulate, write and print."""
     pressures = _pressures(args.pressure)
     _check_outputs(args, len(pressures))
     material = _common.material_from(args)
