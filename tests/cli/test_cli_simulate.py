@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,8 @@ BAD = {
     "mesh and refine": (["--mesh", "m.npz", "--refine", "2"], "do not go together"),
     "mesh and radius": (["--mesh", "m.npz", "--radius", "50"], "m.npz reaches 100 mm"),
     "refine": (["--refine", "0"], "refine must be 1 to 200, got 0"),
+    "mesh of text": (["--mesh", "text.npz"], "text.npz: nodes holds"),
+    "mesh with a damaged header": (["--mesh", "header.npz"], "header.npz: not an npz file with"),
     "mesh of one cell": (["--mesh", "one.npz"], "lies on its rim; give a disc about the"),
     "mesh elsewhere": (["--mesh", "far.npz"], "lies on its rim; give a disc about the"),
     "mesh in two": (["--mesh", "two.npz"], "mesh: its cells fall into 2 parts"),
@@ -223,6 +226,12 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
     np.savez("m.npz", nodes=mesh.nodes, cells=mesh.cells)
     np.savez("other.npz", something=mesh.nodes)
     np.savez("one.npz", nodes=[[-50, -50], [50, -50], [50, 50], [-50, 50]], cells=[[0, 1, 2, 3]])
+    with zipfile.ZipFile("text.npz", "w") as archive:
+        archive.writestr("nodes", "0 0")
+        archive.writestr("cells", "0 1 2 3")
+    with zipfile.ZipFile("header.npz", "w") as archive:
+        for key in ("nodes.npy", "cells.npy"):
+            archive.writestr(key, b"\x93NUMPY\x01\x00\x10\x00{'descr': (((((\n")
     np.savez("far.npz", nodes=mesh.nodes + np.array([500.0, 0.0]), cells=mesh.cells)
     nodes = np.concatenate([mesh.nodes, mesh.nodes + np.array([300.0, 0.0])])
     np.savez("two.npz", nodes=nodes, cells=[*mesh.cells, *(mesh.cells + len(mesh.nodes))])

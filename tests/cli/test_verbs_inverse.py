@@ -297,6 +297,16 @@ def test_one_specimen_is_not_two(verb, copy, folder, capsys):
     refused(capsys, folder, message, verb, "other.npz", "good.npz", copy, *VERBS[verb])
 
 
+def test_what_makes_a_comparison_meaningless_is_said(folder, arrays, capsys):
+    turned = arrays["displacement"] * [1.0, 1.0, -1.0]
+    np.savez("turned.npz", **{**arrays, "displacement": turned})
+    assert run("evaluate", "good.npz", "turned.npz", *MATERIAL, "--refine", "1") == 0
+    warnings = [w for w in capsys.readouterr().err.splitlines() if w.startswith("warning")]
+    assert warnings == [
+        "warning: turned: the apex moves to -z under pressure: the z axis points into the specimen"
+    ]
+
+
 def test_one_test_cannot_be_left_out(folder, capsys):
     refused(capsys, folder, "needs two tests or more, got 1", "crossval", "good.npz", *BOUNDS)
 
@@ -555,7 +565,8 @@ def test_different_poisson_ratios(kind, name, folder, arrays, capsys):
     changed(displacement=arrays["displacement"] + 0.02, poisson_ratio=np.float64(0.3))(arrays)
     words = ["fit", "good.npz", "bad.npz", "--material", kind, "--starts", 1, "--refine", REFINE]
     words += ["--max-evaluations", 1]
-    refused(capsys, folder, f"(0.24, 0.3); give one with --{name}", *words)
+    said = "(0.24, 0.3); say which one holds for all (--nu12, or --nu of an isotropic material)"
+    refused(capsys, folder, said, *words)
     result = json_alone(capsys, *words, f"--{name}", 0.25)
     assert result["parameters"][name]["value"] == 0.25
 

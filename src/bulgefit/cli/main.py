@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -49,6 +50,8 @@ examples:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
+    if argv is None:  # the program itself: when it is told to end, its workers end with it
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     prepare()
     try:

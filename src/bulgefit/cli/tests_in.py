@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from bulgefit.cli._common import progress
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
-    """Read the tests of `args.tests`.
+    """Read the tests of `args.tests`, and warn of what makes all that follows meaningless.
 
     Raises
     ------
@@ -85,9 +86,13 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     from itertools import combinations
 
     from bulgefit.dic import read_test
+    from bulgefit.dic.suspicions import alarms
 
     options = reader_options(args)
     tests = [read_test(path, **options) for path in args.tests]
+    for test in tests:
+        for line in alarms(test):
+            progress(args, f"warning: {test.name}: {line}")
     for one, other in combinations(tests, 2):
         if same_data(one, other):
             raise InputError(

@@ -172,6 +172,6 @@ def stated_ratio(tests: Sequence[BulgeTest]) -> float:
     if len(ratios) > 1:
         raise InputError(
             f"the tests state different Poisson ratios ({', '.join(f'{r:g}' for r in ratios)}); "
-            "say which one holds for all (--nu12)"
+            "say which one holds for all (--nu12, or --nu of an isotropic material)"
         )
     return float(ratios[0])
