@@ -9,7 +9,7 @@ import pytest
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.exchange import evidence_of, exchanged, fits_without
+from bulgefit.gap.exchange import evidence_of, exchanged, fits_without, without_superfluous
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search, Trial
 from bulgefit.gap.structure import structure
@@ -58,6 +58,19 @@ def test_a_stand_in_makes_room(search: Search, data: list[Data]) -> None:
     fit, found = exchanged(search, wrong, groups)
     assert "pressure_offset" in found
     assert fit.chi_square < 1.05 * fit.normal.count
+
+
+def test_what_does_nothing_goes_though_an_early_fit_of_the_rest_got_stuck(
+    search: Search, data: list[Data]
+) -> None:
+    """A fit of the offset alone stopped far off, where nothing balances; a shift came beside it."""
+    offset = CATALOGUE["pressure_offset"].all_keys
+    early = fitted(data, offset)
+    search.remember(replace(early, values={**early.values, "E1": 20.0, "E2": 20.0, "G12": 0.5}))
+    fit = fitted(data, (*offset, *SHIFT))
+    groups = {"pressure_offset": offset, "rigid_motion": SHIFT}
+    _, left, _ = without_superfluous(search, fit, groups)
+    assert [*left] == ["pressure_offset"]
 
 
 def test_where_structure_is_left_an_exchange_has_to_take_most_of_it(

@@ -102,25 +102,28 @@ def fits_without(
     search: Search, current: Regression, groups: Groups
 ) -> dict[str, Regression | None]:
     """The fit without each effect of a model; None where nothing balances."""
-    trials = [_trial_without(current, name, keys) for name, keys in groups.items()]
+    trials = [_trial_without(search, current, name, keys) for name, keys in groups.items()]
     return dict(zip(groups, search.fits(current, trials), strict=True))
 
 
-def _trial_without(current: Regression, effect: str, keys: Sequence[str]) -> Trial:
+def _trial_without(search: Search, current: Regression, effect: str, keys: Sequence[str]) -> Trial:
     return Trial(
         f"without {effect}",
         tuple(k for k in current.keys if k not in keys),
         {k: v for k, v in current.values.items() if k not in keys},
+        # where an early fit of the rest got stuck, an effect that does nothing would seem to matter
+        sure=search.loss_without(current, keys) < _loss_allowed(search, keys),
     )
+
+
+def _loss_allowed(search: Search, keys: Sequence[str]) -> float:
+    return GAIN + GAIN_PER_PARAMETER * search.size(keys)
 
 
 def _is_enough(search: Search, current: Regression, fit: Regression, keys: Sequence[str]) -> bool:
     """Whether a fit without `keys` does, beside the current one with them."""
     loss = fit.held_out() - current.held_out()
-    return (
-        loss < GAIN + GAIN_PER_PARAMETER * search.size(keys)
-        or not structure(search.data, fit).significant
-    )
+    return loss < _loss_allowed(search, keys) or not structure(search.data, fit).significant
 
 
 def exchanged(

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-import numpy as np
-
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.gap.keys import group_keys, null_of
+from bulgefit.gap.keys import group_keys
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import GAIN_PER_PARAMETER, TIE, Groups, Search
 from bulgefit.gap.structure import structure
@@ -62,7 +60,7 @@ def smallest_form(
 def _fit_without(search: Search, fit: Regression, dropped: Collection[str]) -> Regression | None:
     """The fit without some keys; None where held-out data are not content with it."""
     limit = TIE + GAIN_PER_PARAMETER * search.size(dropped)
-    if _forecast_loss(search, fit, dropped) > HOPELESS * limit:
+    if search.loss_without(fit, dropped) > HOPELESS * limit:
         return None
     try:
         smaller = regress(
@@ -74,16 +72,6 @@ def _fit_without(search: Search, fit: Regression, dropped: Collection[str]) -> R
     except (SolveError, InputError):
         return None
     return smaller if smaller.held_out() - fit.held_out() <= limit else None
-
-
-def _forecast_loss(search: Search, fit: Regression, dropped: Collection[str]) -> float:
-    """What a fit would lose on held-out data without some of its keys, by one linear step."""
-    gone = [k for k in fit.columns if k in dropped]
-    change = np.array([null_of(k, search.data) - fit.values[k] for k in gone])
-    without = fit.normal.moved([fit.columns.index(k) for k in gone], change).of(
-        [place for place, k in enumerate(fit.columns) if k not in dropped]
-    )
-    return without.held_out(realised=False) / fit.inflation - fit.held_out()
 
 
 def in_smallest_forms(

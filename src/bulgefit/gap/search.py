@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import STEADY, Effect
-from bulgefit.gap.keys import effect_of, is_field
+from bulgefit.gap.keys import effect_of, is_field, null_of
 from bulgefit.gap.regress import MAX_ITERATIONS, Regression, regress
 from bulgefit.gap.universe import Universe, universe
 from bulgefit.model.specimen import Shapes
@@ -77,11 +79,14 @@ class Trial:
     name : str
     keys : tuple of str
     start : mapping
+    sure : bool
+        The start is next to the optimum: it begins there, wherever a fit of these keys ended.
     """
 
     name: str
     keys: tuple[str, ...]
     start: Mapping[str, float]
+    sure: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,10 @@ class Search:
             self.executor,
             _fit,
             (self.data, [p.shapes for p in near.predictions], steps),
-            [(t.keys, t.start, self._ends.get(frozenset(t.keys))) for t in trials],
+            [
+                (t.keys, t.start, None if t.sure else self._ends.get(frozenset(t.keys)))
+                for t in trials
+            ],
             lambda index, _: self.say(trials[index].name),
         )
         for fit in found:
@@ -154,6 +162,17 @@ class Search:
     def grows(self, current: Regression, effect: str, keys: Sequence[str]) -> bool:
         """Whether a form of an effect is larger than the one in the model."""
         return self.size(keys) > self.size(k for k in current.keys if effect_of(k) == effect)
+
+    def loss_without(self, fit: Regression, dropped: Collection[str]) -> float:
+        """What a fit would lose on held-out data without some of its keys, by one linear step."""
+        if any(is_field(k) for k in dropped):
+            return np.inf
+        gone = [k for k in fit.columns if k in dropped]
+        change = np.array([null_of(k, self.data) - fit.values[k] for k in gone])
+        without = fit.normal.moved([fit.columns.index(k) for k in gone], change).of(
+            [place for place, k in enumerate(fit.columns) if k not in dropped]
+        )
+        return without.held_out(realised=False) / fit.inflation - fit.held_out()
 
     def universe(self, fit: Regression) -> Universe:
         """Normal equations of everything that could be freed at a fit."""
