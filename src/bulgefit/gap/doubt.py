@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import at_edge
+from bulgefit.gap.keys import at_edge, is_field
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import Groups, Search
 from bulgefit.gap.structure import Structure
@@ -27,11 +27,12 @@ Doubt = Literal["", "structure", "many", "trace", "completion", "edge"]
 #: Effects that may explain a gap together. With more, any gap can be imitated to the noise: what
 #: they stand in for is then unknown.
 MOST_NAMED = 3
-#: Of what effects take off the mean square, their smooth, persistent remainder may be this share.
-#: On made tests true effects left up to 0.0003 of it, two to four that stood in for a bent image
-#: 0.0019 to 0.0041, whatever its size, a reference state that stood in for smoothing 0.0019 to
-#: 0.010, offsets of all points that did so 0.0019.
-LEFT_BEHIND = 1e-3
+#: Of what effects take off the mean square, their smooth, persistent remainder may be this share
+#: beyond chance. On made tests true effects left up to 0.0003 of it, mostly none, three that stood
+#: in for an offset of pressure 0.0007, two to four that stood in for a bent image 0.0019 to 0.0041,
+#: whatever its size, a reference state that stood in for smoothing 0.0019 to 0.010. Offsets of all
+#: points that did so left 0.0002 to 0.0019, true ones nothing beyond chance: they are granted none.
+LEFT_BEHIND = 4e-4
 #: Parameters from which on an effect is flexible: it can come near what something else does.
 MANY = 9
 #: Of the gap, a flexible effect and those beside it must each explain this share: a smaller one may
@@ -117,4 +118,5 @@ def leaves_a_trace(
         for fit in (baseline, final)
     )
     taken_off = (before - after) / sum(int(d.used.sum()) for d in data)
-    return remainder.smooth > remainder.by_chance + LEFT_BEHIND * taken_off
+    share = 0.0 if any(is_field(key) for key in final.keys) else LEFT_BEHIND
+    return remainder.smooth > remainder.by_chance + share * taken_off
