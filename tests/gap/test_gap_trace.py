@@ -174,10 +174,11 @@ def test_an_edge_that_the_data_leave_open_is_no_reason_to_doubt(
     assert beyond_the_edge(fit) < BEYOND_THE_EDGE / 5
 
 
-@pytest.mark.parametrize(("flattening", "slow"), [(0.0, False), (0.2, False), (1.0, True)])
+@pytest.mark.parametrize(("flattening", "slow"), [(0.0, False), (0.4, False), (0.5, True)])
 def test_offsets_that_pressure_hardly_flattens_are_noticed(
     scene: Scene, flattening: float, slow: bool
 ) -> None:
+    """Of 0.4 bar, 14 % is left at 2.5 bar."""
     keys = (*MODULI, FIELD, FLATTENING)
     fit = regress(scene.data, keys, {**TRUTH, FLATTENING: flattening}, iterations=0)
-    assert hardly_flattened(fit) is slow
+    assert hardly_flattened(scene.data, fit) is slow

@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import at_edge, is_field
+from bulgefit.gap.keys import at_edge, has_field, is_field
+from bulgefit.gap.normal import shown
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.search import Groups, Search
 from bulgefit.gap.structure import Structure
-from bulgefit.model.camera import FLATTENING
 
 __all__ = ["Doubt", "beyond_the_edge", "doubt", "hardly_flattened", "leaves_a_trace"]
 
@@ -47,6 +47,9 @@ LEAST_COMPANION = 0.01
 #: noise units, correlation allowed for; with more, something else is imitated. (Of one parameter
 #: it is the square of how many standard errors beyond the edge the data see it.)
 BEYOND_THE_EDGE = 25.0
+#: Share of an offset of every point that pressure may leave unflattened. On made tests true creases
+#: kept up to 0.11, offsets that stood in for a struck window 0.22 to 0.28.
+STILL_CREASED = 0.15
 
 
 def doubt(
@@ -80,7 +83,7 @@ def doubt(
     gains = [without[name].held_out() - final.held_out() for name in groups]
     if flexible and min(gains) < least:
         return "completion"
-    if beyond_the_edge(final) > BEYOND_THE_EDGE or hardly_flattened(final):
+    if beyond_the_edge(final) > BEYOND_THE_EDGE or hardly_flattened(search.data, final):
         return "edge"
     return ""
 
@@ -96,16 +99,15 @@ def beyond_the_edge(fit: Regression) -> float:
     return (within.at(within.step()) - whole.at(whole.step())) / fit.inflation
 
 
-def hardly_flattened(fit: Regression) -> bool:
-    """Whether offsets of points shrink as slowly with pressure as is plausible, or slower.
+def hardly_flattened(data: Sequence[Data], fit: Regression) -> bool:
+    """Whether more than `STILL_CREASED` of offsets of points outlasts a test's highest pressure.
 
     That pressure flattens them is all that ties them to creases of the reference image: what goes
     on shrinking up to high pressures is something else.
     """
     return any(
-        at_edge(key, value)
-        for key, value in fit.values.items()
-        if key in fit.keys and key.partition("@")[0] == FLATTENING
+        has_field(fit.keys, index) and 1.0 - shown(d, p).max() > STILL_CREASED
+        for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True))
     )
 
 
