@@ -112,11 +112,13 @@ def test_info_of_everything_that_may_be_missing(ragged, tmp_path, capsys):
     assert "dz was never measured at the apex" in output
 
 
-def test_tests_from(file):
+def test_tests_from(file, tmp_path):
     parser = argparse.ArgumentParser()
     tests_in.add_tests_argument(parser)
     tests_in.add_reader_arguments(parser)
-    tests = tests_in.tests_from(parser.parse_args([str(file), str(file), "--thickness", "1"]))
+    run(convert, file, tmp_path / "other.npz", "--crop", 50)
+    read = [str(file), str(tmp_path / "other.npz"), "--thickness", "1"]
+    tests = tests_in.tests_from(parser.parse_args(read))
     assert [test.thickness for test in tests] == [1, 1]
 
 
