@@ -16,8 +16,9 @@ from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, disc
 from bulgefit.fem.path import Path
+from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.relaxation import SLACK, TAUT, point_response
-from bulgefit.fem.trace import TOLERANCE, trace
+from bulgefit.fem.trace import TOLERANCE
 from bulgefit.model.parameters import Material, material
 
 __all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
@@ -185,7 +186,7 @@ def simulate(
     )
     stiffness = np.asarray(parameters.stiffness(), dtype=np.float64)
     with threadpool_limits(1):  # so that results do not depend on the machine's cores
-        path = trace(
+        path = trace_by_quarter(
             membrane,
             stiffness,
             (min(_LOWEST, loads.min()), loads.max()),

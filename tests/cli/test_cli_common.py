@@ -203,23 +203,3 @@ def test_progress(capsys):
     _common.progress(argparse.Namespace(quiet=True), "silent")
     output = capsys.readouterr()
     assert (output.out, output.err) == ("", "at work\n")
-
-
-def test_first_compilation_is_announced(tmp_path, monkeypatch, capsys):
-    from bulgefit.fem import kernels
-
-    class Kernel:
-        class stats:
-            cache_path = str(tmp_path)
-
-    monkeypatch.setattr(kernels, "assemble", Kernel)
-    loud = argparse.Namespace(quiet=False)
-    _common.announce_kernels(loud)
-    assert "compiling" in capsys.readouterr().err
-    _common.announce_kernels(argparse.Namespace(quiet=True))
-    tag = f"py{_common.sys.version_info.major}{_common.sys.version_info.minor}"
-    (tmp_path / f"kernels.assemble-1.{tag}.nbi").touch()
-    _common.announce_kernels(loud)
-    monkeypatch.setattr(kernels, "assemble", lambda: None)  # as without a compiler
-    _common.announce_kernels(loud)
-    assert capsys.readouterr().err == ""

@@ -20,7 +20,7 @@ import numpy as np
 from bulgefit.fem.kernels import assemble_pressure
 assert not assemble_pressure.signatures, "compiled at import"
 x = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-assemble_pressure(x, np.array([[0, 1, 2, 3]]), np.empty((4, 3)))
+assemble_pressure(x, np.array([[0, 1, 2, 3]]), np.ones(1), np.empty((4, 3)))
 print(sum(assemble_pressure.stats.cache_hits.values()))
 """
 

@@ -25,7 +25,6 @@ __all__ = [
     "add_scheduler_argument",
     "add_solver_arguments",
     "add_workers_argument",
-    "announce_kernels",
     "check_outputs",
     "deliver",
     "executor_from",
@@ -381,28 +380,6 @@ def executor_from(args: argparse.Namespace, *, processes: bool = False) -> Itera
     workers = workers_from(args)
     with open_executor(workers, args.scheduler, processes=processes) as executor:
         yield executor
-
-
-def announce_kernels(args: argparse.Namespace) -> None:
-    """Say so where the solver's kernels are about to be compiled for the first time.
-
-    Numba keeps an index file of every compiled function beside its source, or in
-    NUMBA_CACHE_DIR. One that is missing, or older than the source, means compilation.
-    """
-    from pathlib import Path
-
-    from bulgefit.fem import kernels
-
-    folder = getattr(getattr(kernels.assemble, "stats", None), "cache_path", None)
-    if not folder:
-        return
-    tag = f"py{sys.version_info.major}{sys.version_info.minor}"
-    written = Path(kernels.__file__).stat().st_mtime
-    known = Path(folder).glob(f"kernels.assemble-*.{tag}*.nbi")
-    if not any(index.stat().st_mtime >= written for index in known):
-        progress(
-            args, "compiling the solver's kernels; this happens once and takes some 10 seconds"
-        )
 
 
 def versions() -> dict[str, str]:

@@ -41,7 +41,6 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.inverse.crossval import crossval
 
-    _common.announce_kernels(args)
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
     with _common.executor_from(args) as executor:
         result = crossval(tests, args.objective, executor=executor, **options)

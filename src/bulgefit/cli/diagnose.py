@@ -107,7 +107,6 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.gap.diagnosis import diagnose
     from bulgefit.report.diagnosis import report_text
 
-    _common.announce_kernels(args)
     with (
         # threads would wait for each other: most of a refit is Python
         _common.executor_from(args, processes=workers > 1) as executor,

@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> int:
         given = args.nu12 is not None or args.nu is not None or args.G is not None
         ratio = tests[0].poisson_ratio if given else stated_ratio(tests)
         material = _common.material_from(args, ratio)
-        _common.announce_kernels(args)
         result = evaluate(tests, material, **options)
     _common.deliver(args, result, _table(result))
     return 0

@@ -80,7 +80,6 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.inverse.fit import fit
 
-    _common.announce_kernels(args)
     _common.progress(
         args,
         f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "

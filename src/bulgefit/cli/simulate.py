@@ -102,7 +102,6 @@ def run(args: argparse.Namespace) -> int:
             f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
             "leave --radius out or scale the mesh"
         )
-    _common.announce_kernels(args)
     result = simulate(
         material,
         np.array(pressures) / 10.0,

@@ -94,7 +94,6 @@ def run(args: argparse.Namespace) -> int:
 
     if args.score:
         return _told(args, score_folder(folder))
-    _common.announce_kernels(args)
     elsewhere: AbstractContextManager[Executor | None] = nullcontext()
     if args.scheduler is not None:
         elsewhere = _common.executor_from(args)

@@ -110,7 +110,14 @@ def find_strain(f, strain):
 
 
 @inlined
-def find_load(corners, lift, volume):
+def gather_share(share, first, count, part):
+    """How much of each of `count` cells counts, into part (lanes,)."""
+    for c in range(count):
+        part[c] = share[first + c]
+
+
+@inlined
+def find_load(corners, part, lift, volume):
     """Nodal forces of a unit pressure into lift; the cells' parts of 3 V into volume (lanes,)."""
     lift[:] = 0.0
     volume[:] = 0.0
@@ -128,7 +135,7 @@ def find_load(corners, lift, volume):
             # x,ξ × x,η
             n1, n2, n3 = u2 * v3 - u3 * v2, u3 * v1 - u1 * v3, u1 * v2 - u2 * v1
             for a in range(4):
-                share = SHAPE[g, a]
+                share = part[c] * SHAPE[g, a]
                 lift[a, 0, c] += share * n1
                 lift[a, 1, c] += share * n2
                 lift[a, 2, c] += share * n3
@@ -175,7 +182,7 @@ def find_stress_change(f, df, at, change):
 
 
 @inlined
-def find_load_blocks(corners, pressure, load):
+def find_load_blocks(corners, pressure, part, load):
     """Vectors w (6, 3, lanes): block ab, a > b, of a cell's load stiffness is the product w ×.
 
     Block ba is its negative, and the blocks aa are zero.
@@ -187,7 +194,7 @@ def find_load_blocks(corners, pressure, load):
             w2, w3 = -pressure * _COUPLING[a, b, 2], -pressure * _COUPLING[a, b, 3]
             for i in range(3):
                 for c in range(LANES):
-                    load[pair, i, c] = (
+                    load[pair, i, c] = part[c] * (
                         w0 * corners[0, i, c] + w1 * corners[1, i, c]
                         + w2 * corners[2, i, c] + w3 * corners[3, i, c]
                     )  # fmt: skip
@@ -287,9 +294,16 @@ def add_load_stiffness(load, blocks):
 
 
 @inlined
-def add_to_tangent(blocks, scatter, first, count, data):
-    """Add the lower triangles of `count` cells' matrices, row by row, to where they belong."""
+def add_to_tangent(blocks, scatter, times, first, count, data):
+    """Add the lower triangles of `count` cells' matrices, row by row, to where they belong.
+
+    Each entry counts so many `times`; empty: once.
+    """
     flat = blocks.reshape(90, LANES)
     for c in range(count):
-        for k in range(78):
-            data[scatter[first + c, k]] += flat[_ENTRY[k], c]
+        if len(times) == 0:
+            for k in range(78):
+                data[scatter[first + c, k]] += flat[_ENTRY[k], c]
+        else:
+            for k in range(78):
+                data[scatter[first + c, k]] += times[first + c, k] * flat[_ENTRY[k], c]

@@ -144,7 +144,8 @@ def solve(
     NewtonError
     """
     search = _Search(membrane, pressure, stiffness, follow, watch=thrifty and follow and not exact)
-    displacement = start
+    # copies that are extrapolated from level to level would drift away, by rounding at first
+    displacement = membrane.tied(start)
     unit = membrane.radius / 100.0
     state = search.look(displacement, tangent=True)
     if not np.isfinite(state.potential):

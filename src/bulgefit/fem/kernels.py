@@ -35,6 +35,7 @@ from bulgefit.fem.cells import (
     find_stress_change,
     gather,
     gather_reference,
+    gather_share,
     take_load,
 )
 from bulgefit.fem.jit import compiled, merged
@@ -61,7 +62,9 @@ def assemble(
     law,
     relax,
     pressure,
+    share,
     scatter,
+    times,
     residual,
     data,
     fields,
@@ -82,9 +85,13 @@ def assemble(
     q : tuple of 12, MPa and 1
     law, relax : int, bool
     pressure : float, MPa
+    share : (m,) array
+        How much of each cell the pressure acts on, 1.
     scatter : (m, 78) int array
         Where the lower triangle of a cell's matrix (row by row) goes in `data`; the last entry
         of `data` takes what belongs to fixed displacements.
+    times : (m, 78) array
+        How often each of these entries counts; empty: once.
     residual : (n, 3) array, N
         Overwritten.
     data : (nnz + 1,) array, N/mm
@@ -106,7 +113,7 @@ def assemble(
     stiff = with_tangent or len(fields) > 0
     corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
     forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
-    lift = np.empty((4, 3, LANES))
+    lift, part = np.empty((4, 3, LANES)), np.zeros(LANES)
     # at every Gauss point: F, and W, S and CC times t dA
     f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
     strain, heavy, plain = np.empty((3, LANES)), np.zeros((4, LANES)), np.empty(LANES)
@@ -138,20 +145,21 @@ def assemble(
                         at[g, k, c] = heavy[g, c] * found[k]
                 potential += at[g, 0, c]
             add_stress(f[g], slopes[g], at[g, 1:4], forces)
-        find_load(corners, lift, volume)
+        gather_share(share, first, count, part)
+        find_load(corners, part, lift, volume)
         take_load(pressure, lift, forces)
         add_to_nodes(forces, cells, first, count, residual)
         for c in range(count):
             potential -= pressure * volume[c] / 3.0
         if stiff:
-            find_load_blocks(corners, pressure, load)
+            find_load_blocks(corners, pressure, part, load)
         if with_tangent:
             stiffness[:] = 0.0
             for g in range(4):
                 find_moduli(f[g], at[g], moduli)
                 add_stiffness(moduli, slopes[g], stiffness)
             add_load_stiffness(load, stiffness)
-            add_to_tangent(stiffness, scatter, first, count, data)
+            add_to_tangent(stiffness, scatter, times, first, count, data)
         for k in range(len(fields)):
             gather(fields[k], cells, first, count, moves)
             forces[:] = 0.0
@@ -167,15 +175,16 @@ def assemble(
 
 
 @compiled
-def assemble_pressure(x, cells, out):
+def assemble_pressure(x, cells, share, out):
     """Force of a unit pressure at positions x: ∂V/∂x, into out (n, 3) mm²."""
     corners, lift = np.zeros((4, 3, LANES)), np.empty((4, 3, LANES))
-    volume = np.empty(LANES)
+    volume, part = np.empty(LANES), np.zeros(LANES)
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
         gather(x, cells, first, count, corners)
-        find_load(corners, lift, volume)
+        gather_share(share, first, count, part)
+        find_load(corners, part, lift, volume)
         add_to_nodes(lift, cells, first, count, out)
 
 

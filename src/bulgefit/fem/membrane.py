@@ -19,12 +19,15 @@ from bulgefit.fem.kernels import (
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
+from bulgefit.fem.ties import Ties
 
-__all__ = ["NO_FIELDS", "NO_RATES", "NO_TANGENT", "Fabric", "Membrane", "State"]
+__all__ = ["NO_FIELDS", "NO_RATES", "NO_TANGENT", "ONCE", "Fabric", "Membrane", "State"]
 
 Floats = NDArray[np.float64]
 
 NO_TANGENT, NO_FIELDS, NO_RATES = np.empty(0), np.empty((0, 0, 3)), np.empty(0)
+#: Every entry of the cells' matrices counts once.
+ONCE = np.empty((0, 78))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,8 @@ class Membrane:
     like : Membrane, optional
         A membrane of the same mesh and held displacements, whose linear solver is shared, and
         whose surface, where it is the same.
+    ties : Ties, optional
+        Nodes that copy others; the clamp may not slip then.
     """
 
     def __init__(
@@ -127,11 +132,14 @@ class Membrane:
         solver: str | None = None,
         fabric: Fabric | None = None,
         like: Membrane | None = None,
+        ties: Ties | None = None,
     ) -> None:
         if law not in LAWS:
             raise InputError(f"law: {law!r} is unknown; choose from {', '.join(LAWS)}")
         if not (np.isfinite(thickness) and thickness > 0.0):
             raise InputError(f"thickness must be positive, got {thickness:g} mm")
+        if ties is not None and fabric is not None and fabric.compliance is not None:
+            raise InputError("membrane: nodes that copy others need a clamp that does not slip")
         self.mesh = mesh
         self.thickness = float(thickness)
         self.law = law
@@ -144,7 +152,7 @@ class Membrane:
         if self.fabric.compliance is not None:
             fixed = fixed.copy()
             fixed[mesh.rim, :2] = False
-        self.fixed = fixed
+        self.fixed, self.forced = fixed, solver
         flat = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
         self.reference = flat if self.fabric.surface is None else self.fabric.surface
         if like is not None and self._lies_as(like):
@@ -154,9 +162,13 @@ class Membrane:
         self.weight = self.thickness * self.surface.area
         if self.fabric.thickness is not None:
             self.weight = self.weight * self.fabric.thickness
-        self.linear: LinearSolver = (
-            make_solver(mesh.nodes, mesh.cells, ~fixed, solver) if like is None else like.linear
-        )
+        self.ties, self.times = ties, ONCE
+        self.share = np.ones(len(mesh.cells)) if ties is None else ties.share
+        if ties is not None:
+            self.weight = self.weight * ties.share[:, None]
+        self.linear: LinearSolver = self._solver(solver) if like is None else like.linear
+        if ties is not None:
+            self.times = ties.times(mesh.cells, self.linear.dof)
         self.clamp = (
             None
             if self.fabric.compliance is None
@@ -166,6 +178,14 @@ class Membrane:
         # (size,) flat nodal index of each unknown, in the solver's order
         self._unknowns = np.empty(self.linear.size, dtype=np.int64)
         self._unknowns[self.linear.dof[free]] = np.flatnonzero(free.ravel())
+
+    def _solver(self, name: str | None) -> LinearSolver:
+        """A linear solver for the displacements that are neither held nor copied."""
+        free, cells = ~self.fixed, self.mesh.cells
+        if self.ties is not None:
+            free[self.ties.copies] = False
+            cells = self.ties.original[cells]
+        return make_solver(self.mesh.nodes, cells, free, name)
 
     def _lies_as(self, other: Membrane) -> bool:
         """Whether stress-free surface and warp axis are those of another membrane of the mesh."""
@@ -177,14 +197,21 @@ class Membrane:
         return float(np.sqrt((self.mesh.nodes**2).sum(axis=1).max()))
 
     def gather(self, nodal: Floats) -> Floats:
-        """Free entries of (..., n, 3) nodal values: (..., N)."""
+        """Forces on the free displacements, of (..., n, 3) nodal ones: (..., N)."""
+        if self.ties is not None:
+            nodal = self.ties.fold(nodal)
         return nodal.reshape(*nodal.shape[:-2], -1)[..., self._unknowns]
 
     def spread(self, unknowns: Floats) -> Floats:
         """Nodal (..., n, 3) field of (..., N) values; zero where displacements are held."""
         out = np.zeros((*unknowns.shape[:-1], self.fixed.size))
         out[..., self._unknowns] = unknowns
-        return out.reshape(*unknowns.shape[:-1], -1, 3)
+        out = out.reshape(*unknowns.shape[:-1], -1, 3)
+        return self.tied(out)
+
+    def tied(self, displacement: Floats) -> Floats:
+        """A displacement (..., n, 3) in which copies do as their originals."""
+        return displacement if self.ties is None else self.ties.follow(displacement)
 
     def state(
         self,
@@ -243,7 +270,7 @@ class Membrane:
         found: tuple[float, int] = assemble(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure,
-            self.linear.scatter, residual, data, fields, rates, changes,
+            self.share, self.linear.scatter, self.times, residual, data, fields, rates, changes,
         )  # fmt: skip
         if self.clamp is not None and len(fields) > 0:
             changes[:, self.clamp.rim, :2] += self.clamp.forces(fields)
@@ -252,7 +279,7 @@ class Membrane:
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""
         out = np.empty_like(self.reference)
-        assemble_pressure(self.reference + displacement, self.mesh.cells, out)
+        assemble_pressure(self.reference + displacement, self.mesh.cells, self.share, out)
         return self.gather(out)
 
     def stiffness_force(self, displacement: Floats, stiffness: Floats) -> Floats:
@@ -281,7 +308,7 @@ class Membrane:
         """What the kernels call q: twelve numbers."""
         return self.fabric.law_parameters(stiffness)
 
-    def factorise(self, state: State, shift: float = 0.0) -> Factor:
-        """Factor of the state's tangent; raises NotPositiveDefiniteError."""
+    def factorise(self, state: State, shift: float = 0.0, *, spent: bool = False) -> Factor:
+        """Factor of the state's tangent, overwritten if `spent`; NotPositiveDefiniteError."""
         assert state.tangent is not None
-        return self.linear.factorise(state.tangent, shift)
+        return self.linear.factorise(state.tangent, shift, spent=spent)

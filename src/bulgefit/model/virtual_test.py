@@ -13,7 +13,7 @@ from bulgefit.errors import InputError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc
 from bulgefit.fem.path import Path
-from bulgefit.fem.trace import trace
+from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.model.observation import Observation, observe
 from bulgefit.model.parameters import Material
 
@@ -141,7 +141,7 @@ class VirtualTests:
     def paths(self, material: Material, *, derivatives: bool) -> dict[tuple[float, float], Path]:
         """One traced path per membrane; raises SolveError with the material's parameters."""
         return {
-            key: trace(
+            key: trace_by_quarter(
                 membrane,
                 material.stiffness(),
                 self._range(key),

@@ -1,0 +1,202 @@
+"""Trace a quarter of a membrane where its shapes mirror in both axes.
+
+A flat disc of a fabric whose warp runs along x, evenly clamped and inflated, takes shapes that
+mirror in both axes. The displacements that keep to these mirrors, u = T v (see `ties`), are a
+quarter of all, and their tangent a sixteenth of the work. That the others stay zero asks for
+stability against them: the whole tangent falls apart into those of the four ways of being even or
+odd in each mirror (Healey, 1988, A group-theoretic approach to computational bifurcation
+problems with symmetry, sec. 4), so it is positive definite where all four are. Where one is not,
+or where the path stops, the whole membrane is traced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from bulgefit.errors import SolveError
+from bulgefit.fem.linear import NotPositiveDefiniteError
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import Mesh
+from bulgefit.fem.path import Path
+from bulgefit.fem.ties import Ties
+from bulgefit.fem.trace import TOLERANCE, trace
+
+__all__ = ["Quarter", "quarter_of", "trace_by_quarter"]
+
+Floats = NDArray[np.float64]
+
+#: Nodes are mirror images of each other within this share of the radius.
+_ALIKE = 1e-10
+#: What the mirrors x -> -x and y -> -y do to a displacement.
+_MIRRORS = np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Quarter:
+    """The cells of a membrane with x, y >= 0, and how the rest follows.
+
+    Attributes
+    ----------
+    even : Membrane
+        Its shapes are even in both mirrors.
+    odd : tuple of three Membranes
+        Small displacements that are odd in one mirror or both.
+    node : (n,) int array
+        The quarter's node that is, or mirrors, each node of the whole.
+    sign : (n, 3) array
+        Displacement of each node of the whole over that node's.
+    """
+
+    even: Membrane
+    odd: tuple[Membrane, ...]
+    node: NDArray[np.int64]
+    sign: Floats
+
+    def whole(self, field: Floats) -> Floats:
+        """A field (..., n, 3) of the whole from that of the quarter."""
+        return field[..., self.node, :] * self.sign
+
+    def is_stable(self, path: Path, stiffness: Floats) -> bool:
+        """Whether no small displacement of any kind lowers the potential at the path's levels."""
+        if not path.stable.all():
+            return False
+        try:
+            for pressure, shape in zip(path.pressure, path.displacement, strict=True):
+                for membrane in self.odd:
+                    membrane.factorise(membrane.state(shape, pressure, stiffness), spent=True)
+        except NotPositiveDefiniteError:
+            return False
+        return True
+
+
+def trace_by_quarter(
+    membrane: Membrane,
+    stiffness: Floats,
+    pressure: tuple[float, float] = (1e-4, 0.3),
+    *,
+    tolerance: float = TOLERANCE,
+    sensitivities: bool = False,
+    parameters: Mapping[str, float] | None = None,
+) -> Path:
+    """`trace`, of a quarter of the membrane where shapes mirror in both axes and are stable.
+
+    Parameters and errors are those of `trace`. The path's `factorisations` are then those of
+    the quarter, three a level to see that it is stable included.
+    """
+    quarter = quarter_of(membrane)
+    if quarter is not None:
+        try:
+            path = trace(
+                quarter.even, stiffness, pressure, tolerance=tolerance,
+                sensitivities=sensitivities, parameters=parameters,
+            )  # fmt: skip
+        except SolveError:
+            pass
+        else:
+            if quarter.is_stable(path, stiffness):
+                return _whole(path, quarter, membrane, stiffness)
+    return trace(
+        membrane, stiffness, pressure, tolerance=tolerance,
+        sensitivities=sensitivities, parameters=parameters,
+    )  # fmt: skip
+
+
+def _whole(path: Path, quarter: Quarter, membrane: Membrane, stiffness: Floats) -> Path:
+    """The path of the whole membrane from that of its quarter."""
+
+    def spread(field: Floats | None) -> Floats | None:
+        return None if field is None else quarter.whole(field)
+
+    displacement, wrinkled = quarter.whole(path.displacement), path.wrinkled
+    if wrinkled.any():
+        wrinkled = np.array(
+            [
+                membrane.state(shape, p, stiffness, tangent=False).wrinkled
+                for shape, p in zip(displacement, path.pressure, strict=True)
+            ]
+        )
+    return replace(
+        path,
+        nodes=membrane.mesh.nodes,
+        cells=membrane.mesh.cells,
+        displacement=displacement,
+        slope=quarter.whole(path.slope),
+        sensitivity=spread(path.sensitivity),
+        sensitivity_slope=spread(path.sensitivity_slope),
+        factorisations=path.factorisations + len(quarter.odd) * len(path.pressure),
+        wrinkled=wrinkled,
+    )
+
+
+_KNOWN: WeakKeyDictionary[Membrane, Quarter | None] = WeakKeyDictionary()
+
+
+def quarter_of(membrane: Membrane) -> Quarter | None:
+    """The quarter of a membrane, made once; None where its shapes need not mirror."""
+    try:
+        return _KNOWN[membrane]
+    except KeyError:
+        found = _KNOWN[membrane] = _make(membrane)
+        return found
+
+
+def _make(membrane: Membrane) -> Quarter | None:
+    fabric, mesh = membrane.fabric, membrane.mesh
+    uneven = fabric.surface is not None or fabric.thickness is not None
+    if uneven or fabric.compliance is not None or membrane.angle != 0.0 or membrane.ties:
+        return None
+    images = _images(mesh)
+    if images is None or any((membrane.fixed[i] != membrane.fixed).any() for i in images):
+        return None
+    # a node's representative has no negative coordinate: it lies beyond the mirrors that it is
+    # `over`
+    near = _ALIKE * membrane.radius
+    over = mesh.nodes < -near
+    first = np.where(over[:, 0], images[0], np.arange(len(mesh.nodes)))
+    first = np.where(over[:, 1], images[1][first], first)
+    centre = mesh.nodes[mesh.cells].mean(axis=1)
+    mine = (centre > -near).all(axis=1)
+    kept, cells = np.unique(mesh.cells[mine], return_inverse=True)
+    number = np.full(len(mesh.nodes), -1)
+    number[kept] = np.arange(len(kept))
+    part = Mesh(mesh.nodes[kept], cells.reshape(-1, 4))
+    share = 0.5 ** (np.abs(centre[mine]) <= near).sum(axis=1)
+    on = np.abs(part.nodes) <= near
+
+    def of_kind(parity: tuple[float, ...]) -> tuple[Membrane, Floats]:
+        """The quarter of displacements that are even (+1) or odd (-1) in each mirror."""
+        turn = np.array(parity)[:, None] * _MIRRORS
+        sign = np.where(over[:, :, None], turn, 1.0).prod(axis=1)
+        # what a mirror turns round on itself is zero
+        held = membrane.fixed[kept] | (on[:, :, None] & (turn < 0.0)).any(axis=1)
+        ties = Ties(number[first[kept]], sign[kept], share)
+        return Membrane(
+            part, membrane.thickness, membrane.law, relaxation=membrane.relaxation, fixed=held,
+            solver=membrane.forced, fabric=fabric, ties=ties,
+        ), sign  # fmt: skip
+
+    (even, sign), *odd = (of_kind(parity) for parity in product((1.0, -1.0), repeat=2))
+    return Quarter(even, tuple(other for other, _ in odd), number[first], sign)
+
+
+def _images(mesh: Mesh) -> list[NDArray[np.int64]] | None:
+    """Each node's mirror images in x and y; None where the mesh does not mirror."""
+    tree = KDTree(mesh.nodes)
+    near = _ALIKE * float(np.abs(mesh.nodes).max())
+    known = {frozenset(cell) for cell in mesh.cells.tolist()}
+    found = []
+    for mirror in _MIRRORS:
+        distance, image = tree.query(mesh.nodes * mirror[:2])
+        if distance.max() > near:
+            return None
+        if any(frozenset(cell) not in known for cell in image[mesh.cells].tolist()):
+            return None
+        found.append(image)
+    return found
