@@ -270,10 +270,18 @@ def _test_parts(d: Mapping[str, Any]) -> list[str]:
         bound = "; at the edge of what is plausible" if c["at_bound"] else ""
         parts.append(
             f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
-            f"Takes {100 * max(c['heldout_reduction'], 0.0):.0f} % of the held-out sum of squares "
-            "that the others, refitted, leave."
+            f"{_worth(c['heldout_reduction'])}"
         )
     return parts
+
+
+def _worth(reduction: float | None) -> str:
+    if reduction is None:
+        return "Without it the others leave no equilibrium to start a fit from."
+    return (
+        f"Takes {100 * max(reduction, 0.0):.0f} % of the held-out sum of squares that the others, "
+        "refitted, leave."
+    )
 
 
 def _after(found: Mapping[str, Any]) -> str:

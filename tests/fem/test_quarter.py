@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.kernels import assemble, assemble_sensitivity
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import Mesh, disc
@@ -124,6 +125,15 @@ def test_wrinkled_points_are_those_of_the_whole() -> None:
     assert found.factorisations == path.factorisations + 3 * len(path.pressure)
     assert path.wrinkled.any()
     np.testing.assert_array_equal(found.wrinkled, path.wrinkled)
+
+
+def test_the_same_compiled_kernels_serve_a_quarter_and_the_whole() -> None:
+    membrane = Membrane(disc(100.0, ODD), 0.81)
+    kernels = assemble, assemble_sensitivity
+    trace(membrane, STIFFNESS, sensitivities=True)
+    known = [list(kernel.signatures) for kernel in kernels]
+    trace_by_quarter(membrane, STIFFNESS, sensitivities=True)
+    assert [list(kernel.signatures) for kernel in kernels] == known
 
 
 def moved(mesh: Mesh) -> Mesh:

@@ -129,10 +129,28 @@ def test_evidence_says_what_an_effect_is_worth(search: Search, data: list[Data])
     known = universe(data, fit, EFFECTS)
     groups = {"pressure_offset": keys}
     without = fits_without(search, fit, groups)
-    (evidence,) = evidence_of(search, known, fit, groups, without, rivals=True).values()
-    assert evidence.rivals == ()
     alone = regress(data, MODULI, {name: TRUTH[name] for name in MODULI})
+    found = evidence_of(search, known, fit, groups, without, worst=alone, rivals=True)
+    evidence = found["pressure_offset"]
+    assert evidence.rivals == ()
+    assert evidence.without is not None
     assert evidence.without.values == pytest.approx(alone.values, rel=1e-4)
-    assert evidence.gained == pytest.approx(alone.held_out() - fit.held_out(), rel=1e-4)
-    assert evidence.gained > 2 * evidence.held_out
+    assert evidence.without.held_out() == pytest.approx(alone.held_out(), rel=1e-4)
+    assert evidence.without.held_out() > 3 * evidence.held_out
     assert evidence.held_out == pytest.approx(fit.normal.count, rel=0.05)
+
+
+def test_evidence_where_nothing_balances_without_an_effect(
+    search: Search, data: list[Data]
+) -> None:
+    """Its worth is not known, rather than that of the moduli alone; its rivals are found."""
+    keys = ("pressure_offset.offset",)
+    fit = fitted(data, keys)
+    alone = regress(data, MODULI, {name: TRUTH[name] for name in MODULI})
+    groups = {"pressure_offset": keys}
+    known = universe(data, fit, EFFECTS)
+    found = evidence_of(
+        search, known, fit, groups, {"pressure_offset": None}, worst=alone, rivals=True
+    )
+    assert found["pressure_offset"].without is None
+    assert found["pressure_offset"].rivals == ()

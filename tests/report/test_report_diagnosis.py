@@ -212,6 +212,15 @@ def test_words_of_every_verdict(found):
         assert "edge of what is plausible" in " ".join(text.split())
 
 
+def test_a_cause_without_which_nothing_balances(found):
+    (cause,) = found.causes
+    vital = replace(cause, share_of_gap=None, heldout_reduction=None, bias_if_omitted={})
+    told = text_of(words.page(replace(found, causes=[vital])))
+    assert "What it takes off is not known" in told
+    assert "On data that was not fitted it takes off" not in told
+    assert "Without it" not in told
+
+
 def test_a_shear_modulus_that_was_held_is_a_limit(found):
     """Softer, frames would lose stability: neither its error nor its bias are what is said."""
     (cause,) = found.causes

@@ -80,4 +80,6 @@ class Ties:
         number = dof[self.original[cells]].reshape(len(cells), 12)
         # an entry between a node and its copy lands on the diagonal, and so does its transpose
         twice = (_ROWS != _COLUMNS) & (number[:, _ROWS] == number[:, _COLUMNS])
-        return np.asarray(sign[:, _ROWS] * sign[:, _COLUMNS] * np.where(twice, 2.0, 1.0))
+        times = sign[:, _ROWS] * sign[:, _COLUMNS] * np.where(twice, 2.0, 1.0)
+        # in the order of `membrane.ONCE`, lest the kernels be compiled for both
+        return np.ascontiguousarray(times)

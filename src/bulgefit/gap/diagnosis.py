@@ -55,12 +55,14 @@ class Cause:
     parameters : dict of name to {"value", "stderr", "unit"}
     at_bound : bool
         A parameter sits at the edge of its plausible range.
-    share_of_gap : float
-        What would be left without it, of the baseline's held-out misfit beyond the noise.
-    heldout_reduction : float
-        Part of the held-out misfit without it that it takes away.
+    share_of_gap : float or None
+        What would be left without it, of the baseline's held-out misfit beyond the noise; None
+        where the fit without it finds no equilibrium.
+    heldout_reduction : float or None
+        Part of the held-out misfit without it that it takes away; None as above.
     bias_if_omitted : dict
-        Relative error of each modulus when the effect is left out and all else refitted.
+        Relative error of each modulus when the effect is left out and all else refitted; empty
+        where that finds no equilibrium.
     bias_held : bool
         That of G12 is larger still: without the effect the fit asks for a softer one, by which
         frames would lose stability.
@@ -72,8 +74,8 @@ class Cause:
     alternatives: tuple[str, ...]
     parameters: dict[str, dict[str, Any]]
     at_bound: bool
-    share_of_gap: float
-    heldout_reduction: float
+    share_of_gap: float | None
+    heldout_reduction: float | None
     bias_if_omitted: dict[str, float]
     bias_held: bool
     partial: bool
@@ -372,17 +374,21 @@ def _cause(
     for key in keys:
         if is_field(key):
             parameters.update(_offset_sizes(key, found.final, data))
+    share, reduction, bias = None, None, {}
+    if (without := evidence.without) is not None:
+        gained = without.held_out() - evidence.held_out
+        share = float(np.clip(gained / excess, 0.0, 1.0))
+        reduction = float(gained / without.held_out())
+        bias = {m: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
     return Cause(
         effect=effect,
         alternatives=evidence.rivals,
         parameters=parameters,
         at_bound=at_bound,
-        share_of_gap=float(np.clip(evidence.gained / excess, 0.0, 1.0)),
-        heldout_reduction=float(evidence.gained / evidence.without.held_out()),
-        bias_if_omitted={
-            m: evidence.without.values[m] / found.final.values[m] - 1.0 for m in MODULI
-        },
-        bias_held=evidence.without.held,
+        share_of_gap=share,
+        heldout_reduction=reduction,
+        bias_if_omitted=bias,
+        bias_held=without is not None and without.held,
         partial=found.partial,
     )
 

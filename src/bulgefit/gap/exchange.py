@@ -42,22 +42,17 @@ class Evidence:
 
     Attributes
     ----------
-    without : Regression
-        The rest refitted with the effect at its null.
+    without : Regression or None
+        The rest refitted with the effect at its null; None where that finds no equilibrium.
     held_out : float
         Held-out sum of squares over the inflation of the final model.
     rivals : tuple of str
         Effects that do as well in its place.
     """
 
-    without: Regression
+    without: Regression | None
     held_out: float
     rivals: tuple[str, ...]
-
-    @property
-    def gained(self) -> float:
-        """What the effect takes off the held-out sum of squares."""
-        return self.without.held_out() - self.held_out
 
 
 @dataclass(frozen=True)
@@ -242,17 +237,19 @@ def evidence_of(
     known: Universe,
     current: Regression,
     groups: Groups,
-    without: Mapping[str, Regression],
+    without: Mapping[str, Regression | None],
     *,
+    worst: Regression,
     rivals: bool,
 ) -> dict[str, Evidence]:
     """For each effect of the final model: what is lost without it, and what does as well.
 
-    Rivals are looked for where asked: beside effects that explain a gap only in part, they would
-    say nothing.
+    Where nothing balances without an effect, that may be as bad as `worst`. Rivals are looked for
+    where asked: beside effects that explain a gap only in part, they would say nothing.
     """
     held, score = current.held_out(), _score(search, current, groups)
-    margin = {name: max(TIE, TIE_SHARE * (fit.held_out() - held)) for name, fit in without.items()}
+    lost = {name: (fit or worst).held_out() - held for name, fit in without.items()}
+    margin = {name: max(TIE, TIE_SHARE * loss) for name, loss in lost.items()}
     # forecasts are linear: those that come near are fitted
     near = [
         option

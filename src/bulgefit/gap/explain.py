@@ -165,7 +165,7 @@ def explain(
         current,
         known,
         groups,
-        evidence_of(search, known, current, groups, without_each, rivals=not why),
+        evidence_of(search, known, current, groups, without, worst=baseline, rivals=not why),
         rounds,
         start,
         remainder,

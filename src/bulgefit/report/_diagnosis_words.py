@@ -244,22 +244,7 @@ def _parameters(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]
 
 
 def _evidence(cause: Cause) -> str:
-    parts = [
-        f"On data that was not fitted it takes off {_percent(cause.heldout_reduction)} of the "
-        f"squared misfit that it found, {_percent(cause.share_of_gap)} of the whole."
-        if cause.heldout_reduction > 0.0
-        else "On data that was not fitted the others would do as well without it."
-    ]
-    biased = [
-        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause.bias_held else ''}"
-        f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
-        for m, b in cause.bias_if_omitted.items()
-        if abs(b) >= 0.005
-    ]
-    if biased:
-        parts.append(f"Without it {_listed(biased)}.")
-    else:
-        parts.append("Without it the moduli change by less than 0.5 %.")
+    parts = [*_worth(cause)]
     if cause.alternatives:
         parts.append(
             f"This data cannot tell it from {_listed(cause.alternatives, 'or')}; it is given "
@@ -270,6 +255,32 @@ def _evidence(cause: Cause) -> str:
     if cause.partial:
         parts.append("It is a part of the answer only.")
     return " ".join(parts)
+
+
+def _worth(cause: Cause) -> Iterator[str]:
+    """What omitting a cause does to the gap and to the moduli."""
+    if cause.heldout_reduction is None or cause.share_of_gap is None:
+        yield (
+            "What it takes off is not known: without it the others, as they are, leave no "
+            "equilibrium to start a fit from."
+        )
+        return
+    yield (
+        f"On data that was not fitted it takes off {_percent(cause.heldout_reduction)} of the "
+        f"squared misfit that it found, {_percent(cause.share_of_gap)} of the whole."
+        if cause.heldout_reduction > 0.0
+        else "On data that was not fitted the others would do as well without it."
+    )
+    biased = [
+        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause.bias_held else ''}"
+        f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
+        for m, b in cause.bias_if_omitted.items()
+        if abs(b) >= 0.005
+    ]
+    if biased:
+        yield f"Without it {_listed(biased)}."
+    else:
+        yield "Without it the moduli change by less than 0.5 %."
 
 
 def _percent(share: float) -> str:
