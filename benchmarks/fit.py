@@ -452,9 +452,9 @@ a process is done again, and since every task runs on one BLAS thread the result
 last bit. This is so on machines of one kind with the same versions; a cluster whose workers have
 other versions is refused.
 
-Intervals of the parameters (`--bootstrap N`) come from refits to whole frames drawn with
-replacement, in runs of neighbours. They show what noise and changing misfit do to the parameters,
-not a bias that every frame shares.
+Intervals of the parameters (`--bootstrap N`, 20 or more) come from refits to whole frames drawn
+with replacement, in runs of neighbours. They show what noise and changing misfit do to the
+parameters, not a bias that every frame shares.
 """
 
 
