@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bulgefit.fem.geometry import SHAPE, SHAPE_ETA, SHAPE_XI
-from bulgefit.fem.jit import inlined
+from bulgefit.fem.jit import inlined, merged
 from bulgefit.fem.lanes import LANES
 
 __all__ = [
@@ -24,10 +24,12 @@ __all__ = [
     "find_load_blocks",
     "find_moduli",
     "find_strain",
+    "find_stress",
     "find_stress_change",
     "gather",
     "gather_reference",
-    "take_load",
+    "start_forces",
+    "work",
 ]
 
 
@@ -57,7 +59,7 @@ def _entries():
 _ENTRY = _entries()
 
 
-@inlined
+@merged
 def gather(x, cells, first, count, corners):
     """Positions of the nodes of `count` cells into corners (4, 3, lanes)."""
     for c in range(count):
@@ -67,7 +69,7 @@ def gather(x, cells, first, count, corners):
                 corners[a, i, c] = x[node, i]
 
 
-@inlined
+@merged
 def gather_reference(gradient, weight, first, count, slopes, heavy):
     """Shape gradients and weights of `count` cells: (4 points, 4 nodes, 2, lanes), (4, lanes)."""
     for c in range(count):
@@ -78,7 +80,7 @@ def gather_reference(gradient, weight, first, count, slopes, heavy):
                     slopes[g, a, i, c] = gradient[first + c, g, a, i]
 
 
-@inlined
+@merged
 def add_to_nodes(forces, cells, first, count, nodal):
     """Add forces (4, 3, lanes) of `count` cells to nodal (n, 3)."""
     for c in range(count):
@@ -87,29 +89,41 @@ def add_to_nodes(forces, cells, first, count, nodal):
                 nodal[cells[first + c, a], i] += forces[a, i, c]
 
 
+@merged
+def _column(corners, slopes, i, k, c):
+    """F_ik = Σ x_ai G_ak in lane c."""
+    return (
+        corners[0, i, c] * slopes[0, k, c] + corners[1, i, c] * slopes[1, k, c]
+        + corners[2, i, c] * slopes[2, k, c] + corners[3, i, c] * slopes[3, k, c]
+    )  # fmt: skip
+
+
 @inlined
 def find_deformation(corners, slopes, f):
     """Columns (F_i1), (F_i2) of the deformation gradient at a Gauss point, into f (6, lanes)."""
     for i in range(3):
         for c in range(LANES):
-            f1, f2 = 0.0, 0.0
-            for a in range(4):
-                f1 += corners[a, i, c] * slopes[a, 0, c]
-                f2 += corners[a, i, c] * slopes[a, 1, c]
-            f[i, c], f[3 + i, c] = f1, f2
+            f[i, c] = _column(corners, slopes, i, 0, c)
+            f[3 + i, c] = _column(corners, slopes, i, 1, c)
+
+
+@merged
+def _put_strain(f, strain, c):
+    """`find_strain` of lane c."""
+    f11, f21, f31, f12, f22, f32 = f[0, c], f[1, c], f[2, c], f[3, c], f[4, c], f[5, c]
+    strain[0, c] = f11 * f11 + f21 * f21 + f31 * f31
+    strain[1, c] = f12 * f12 + f22 * f22 + f32 * f32
+    strain[2, c] = f11 * f12 + f21 * f22 + f31 * f32
 
 
 @inlined
 def find_strain(f, strain):
     """Components C11, C22, C12 of FᵀF at a Gauss point, into strain (3, lanes)."""
     for c in range(LANES):
-        f11, f21, f31, f12, f22, f32 = f[0, c], f[1, c], f[2, c], f[3, c], f[4, c], f[5, c]
-        strain[0, c] = f11 * f11 + f21 * f21 + f31 * f31
-        strain[1, c] = f12 * f12 + f22 * f22 + f32 * f32
-        strain[2, c] = f11 * f12 + f21 * f22 + f31 * f32
+        _put_strain(f, strain, c)
 
 
-@inlined
+@merged
 def gather_share(share, first, count, part):
     """How much of each of `count` cells counts, into part (lanes,)."""
     for c in range(count):
@@ -117,10 +131,12 @@ def gather_share(share, first, count, part):
 
 
 @inlined
-def find_load(corners, part, lift, volume):
-    """Nodal forces of a unit pressure into lift; the cells' parts of 3 V into volume (lanes,)."""
+def find_load(corners, part, lift):
+    """Nodal forces of a unit pressure into lift: the cells' parts of ∫ N_a x,ξ × x,η dξdη.
+
+    Their virtual work on the positions themselves is 3 V.
+    """
     lift[:] = 0.0
-    volume[:] = 0.0
     for g in range(4):
         for c in range(LANES):
             u1, u2, u3, v1, v2, v3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -139,46 +155,69 @@ def find_load(corners, part, lift, volume):
                 lift[a, 0, c] += share * n1
                 lift[a, 1, c] += share * n2
                 lift[a, 2, c] += share * n3
-                volume[c] += share * (
-                    corners[a, 0, c] * n1 + corners[a, 1, c] * n2 + corners[a, 2, c] * n3
-                )
 
 
 @inlined
-def take_load(pressure, lift, forces):
-    """Subtract the pressure's nodal forces."""
+def start_forces(pressure, lift, forces):
+    """Forces are those of the pressure alone."""
     for a in range(4):
         for i in range(3):
             for c in range(LANES):
-                forces[a, i, c] -= pressure * lift[a, i, c]
+                forces[a, i, c] = -pressure * lift[a, i, c]
 
 
 @inlined
-def add_stress(f, slopes, stress, forces):
-    """forces[a] += F S G_a, the work conjugate of the stress (3, lanes; already times t dA).
+def work(forces, moves, count):
+    """Σ forces · moves, both (4, 3, lanes), of `count` cells."""
+    done = 0.0
+    for a in range(4):
+        for i in range(3):
+            for c in range(count):
+                done += forces[a, i, c] * moves[a, i, c]
+    return done
 
-    With P = F S, a first Piola-Kirchhoff stress.
+
+@inlined
+def find_stress(f, stress, p):
+    """First Piola-Kirchhoff stress P = F S at a Gauss point, by its columns, into p (6, lanes).
+
+    `stress` (3, lanes) is S times t dA.
     """
     for i in range(3):
         for c in range(LANES):
-            p1 = f[i, c] * stress[0, c] + f[3 + i, c] * stress[2, c]
-            p2 = f[i, c] * stress[2, c] + f[3 + i, c] * stress[1, c]
-            for a in range(4):
-                forces[a, i, c] += p1 * slopes[a, 0, c] + p2 * slopes[a, 1, c]
+            f1, f2 = f[i, c], f[3 + i, c]
+            p[i, c] = f1 * stress[0, c] + f2 * stress[2, c]
+            p[3 + i, c] = f1 * stress[2, c] + f2 * stress[1, c]
 
 
 @inlined
-def find_stress_change(f, df, at, change):
-    """Change of the stress with that of F by df (6, lanes) at a Gauss point, into (3, lanes)."""
+def find_stress_change(f, df, at, p):
+    """Change of P with that of F by df (6, lanes) at a Gauss point, into p (6, lanes).
+
+    `at` (10, lanes) are W, S and CC times t dA.
+    """
     for c in range(LANES):
         e11, e22, e12 = 0.0, 0.0, 0.0
         for i in range(3):
             e11 += f[i, c] * df[i, c]
             e22 += f[3 + i, c] * df[3 + i, c]
             e12 += f[i, c] * df[3 + i, c] + f[3 + i, c] * df[i, c]
-        change[0, c] = at[4, c] * e11 + at[7, c] * e22 + at[8, c] * e12
-        change[1, c] = at[7, c] * e11 + at[5, c] * e22 + at[9, c] * e12
-        change[2, c] = at[8, c] * e11 + at[9, c] * e22 + at[6, c] * e12
+        s11 = at[4, c] * e11 + at[7, c] * e22 + at[8, c] * e12
+        s22 = at[7, c] * e11 + at[5, c] * e22 + at[9, c] * e12
+        s12 = at[8, c] * e11 + at[9, c] * e22 + at[6, c] * e12
+        for i in range(3):
+            f1, f2, u, v = f[i, c], f[3 + i, c], df[i, c], df[3 + i, c]
+            p[i, c] = f1 * s11 + f2 * s12 + u * at[1, c] + v * at[3, c]
+            p[3 + i, c] = f1 * s12 + f2 * s22 + u * at[3, c] + v * at[2, c]
+
+
+@inlined
+def add_stress(p, slopes, forces):
+    """forces[a] += P G_a of a Gauss point."""
+    for i in range(3):
+        for c in range(LANES):
+            for a in range(4):
+                forces[a, i, c] += p[i, c] * slopes[a, 0, c] + p[3 + i, c] * slopes[a, 1, c]
 
 
 @inlined

@@ -23,15 +23,14 @@ PARITY = np.array([1.0, 1.0, -1.0])
 
 
 @compiled
-def _first(knots: Floats, width: int, x: float) -> int:
-    """First of the `width` consecutive knots closest to the interval that holds x.
+def _first(knots: Floats, width: int, k: int) -> int:
+    """First of the `width` consecutive knots closest to the interval between knots k and k + 1.
 
     The choice depends on the interval alone, so the dense output is continuous.
     """
     count = len(knots)
     if count <= width:
         return 0
-    k = min(max(int(np.searchsorted(knots, x, side="right")) - 1, 0), count - 2)
     middle = 0.5 * (knots[k] + knots[k + 1])
     best, reach = 0, np.inf
     for i in range(max(0, k + 2 - width), min(k, count - width) + 1):
@@ -41,9 +40,20 @@ def _first(knots: Floats, width: int, x: float) -> int:
     return best
 
 
+def _interval(knots: Floats, at: Floats) -> NDArray[np.int64]:
+    """k of the knots k and k + 1 between which each of `at` lies; the ends' beyond them."""
+    return np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(len(knots) - 2, 0))
+
+
 @compiled
 def _weigh(
-    knots: Floats, images: int, stencil: int, at: Floats, value: Floats, slope: Floats
+    knots: Floats,
+    images: int,
+    stencil: int,
+    at: Floats,
+    interval: NDArray[np.int64],
+    value: Floats,
+    slope: Floats,
 ) -> None:
     """Add the weights at each of `at` to value and slope (3, k, levels).
 
@@ -52,7 +62,7 @@ def _weigh(
     """
     width = min(stencil, len(knots))
     for j in range(len(at)):
-        first = _first(knots, width, at[j])
+        first = _first(knots, width, interval[j])
         for a in range(first, first + width):
             basis, derivative = 1.0, 0.0
             for b in range(first, first + width):
@@ -81,7 +91,7 @@ def _mirror(s: Floats, mirrored: bool, stencil: int) -> tuple[Floats, int]:
 def stencil_at(s: Floats, at: float, *, mirrored: bool) -> tuple[float, ...]:
     """The levels and mirror images that the dense output goes through at `at`."""
     knots, _ = _mirror(s, mirrored, STENCIL)
-    first = _first(knots, STENCIL, at)
+    first = _first(knots, STENCIL, int(_interval(knots, np.array(at))))
     return tuple(knots[first : first + STENCIL].tolist())
 
 
@@ -103,7 +113,7 @@ def hermite_weights(
     """
     knots, images = _mirror(s, mirrored, stencil)
     value, slope = np.zeros((2, 3, len(at), len(s)))
-    _weigh(knots, images, stencil, at, value, slope)
+    _weigh(knots, images, stencil, at, _interval(knots, at), value, slope)
     return value, slope
 
 

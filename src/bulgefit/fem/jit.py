@@ -7,6 +7,7 @@ but not when a file changes whose functions or constants went into it; here both
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import sys
 from collections.abc import Callable
@@ -15,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from numba import njit
+from numba.core import event
 
-__all__ = ["compiled", "inlined", "merged"]
+__all__ = ["compiled", "inlined", "inner", "merged"]
 
 #: What goes into compiled functions of other files.
 _SHARED = (
@@ -38,6 +40,7 @@ _SOURCES = hashlib.sha256(
 #: released, so that several searches run in threads of one process.
 _OPTIONS: dict[str, Any] = {
     "nogil": True,
+    "no_cfunc_wrapper": True,
     "error_model": "numpy",
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},
 }
@@ -45,10 +48,19 @@ _OPTIONS: dict[str, Any] = {
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile `function` when it is first called; cached where a folder can be written."""
+    return _cached(function)
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """As `compiled`, for what kernels alone call: without the wrapper that Python calls it by."""
+    return _cached(function, no_cpython_wrapper=True)
+
+
+def _cached(function: Callable[..., Any], **options: bool) -> Any:
     try:
-        dispatcher = njit(cache=True, **_OPTIONS)(function)
+        dispatcher = njit(cache=True, **options, **_OPTIONS)(function)
     except RuntimeError:  # numba's word for no folder to cache in
-        dispatcher = njit(**_OPTIONS)(function)
+        dispatcher = njit(**options, **_OPTIONS)(function)
     kept = getattr(dispatcher, "_cache", None)
     file = getattr(kept, "_cache_file", None)
     if file is not None:
@@ -76,6 +88,31 @@ def _announce() -> None:
     print("bulgefit: compiling kernels, once per machine (about 15 s)", file=sys.stderr)
 
 
+class _Pause(event.Listener):
+    """Collect no garbage while numba compiles.
+
+    It makes millions of objects that stay, and looking through them again and again takes an
+    eighth of the time. Compilations nest, and numba's lock lets one thread compile at a time.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._collecting = 0, False
+
+    def on_start(self, _: event.Event) -> None:
+        if self._depth == 0:
+            self._collecting = gc.isenabled()
+            gc.disable()
+        self._depth += 1
+
+    def on_end(self, _: event.Event) -> None:
+        self._depth -= 1
+        if self._depth == 0 and self._collecting:
+            gc.enable()
+
+
+event.register("numba:compile", _Pause())
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Make `function` part of the compiled function that calls it.
 
@@ -83,13 +120,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     otherwise when it has just compiled both than when it takes them from the cache: with sums that
     may be reordered, a first run would then differ from later ones in the last bits.
     """
-    return njit(inline="always", **_OPTIONS)(function)
+    return njit(inline="always", no_cpython_wrapper=True, **_OPTIONS)(function)
 
 
 def merged(function: Callable[..., Any]) -> Any:
-    """As `inlined`, by LLVM at its first look: for arithmetic without loops over arrays.
+    """As `inlined`, by LLVM at its first look: for arithmetic in a lane, and what gathers.
 
     Types are then inferred once, not in every caller, which takes most of the time to compile.
-    A loop would be optimised before LLVM knows the caller's arrays, and not as well.
+    A loop that is to run in vectors would be optimised before LLVM knows the caller's arrays, and
+    not as well.
     """
-    return njit(forceinline=True, **_OPTIONS)(function)
+    return njit(forceinline=True, no_cpython_wrapper=True, **_OPTIONS)(function)

@@ -32,17 +32,20 @@ from bulgefit.fem.cells import (
     find_load_blocks,
     find_moduli,
     find_strain,
+    find_stress,
     find_stress_change,
     gather,
     gather_reference,
     gather_share,
-    take_load,
+    start_forces,
+    work,
 )
 from bulgefit.fem.jit import compiled, merged
 from bulgefit.fem.lanes import (
     LANES,
     find_plain,
     measure_in_lanes,
+    put_in_lane,
     respond_in_lanes,
     stiffness_in_lanes,
     stress_in_lanes,
@@ -111,17 +114,16 @@ def assemble(
     """
     with_tangent = len(data) > 0
     stiff = with_tangent or len(fields) > 0
-    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
-    forces, volume = np.empty((4, 3, LANES)), np.empty(LANES)
-    lift, part = np.empty((4, 3, LANES)), np.zeros(LANES)
+    # Lanes beyond the last cell are worked on too; what they hold is not read.
+    corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
+    forces, lift, part = np.empty((4, 3, LANES)), np.empty((4, 3, LANES)), np.empty(LANES)
     # at every Gauss point: F, and W, S and CC times t dA
-    f, at = np.zeros((4, 6, LANES)), np.zeros((4, 10, LANES))
-    strain, heavy, plain = np.empty((3, LANES)), np.zeros((4, LANES)), np.empty(LANES)
-    natural = natural_state(q, law)
+    f, at = np.empty((4, 6, LANES)), np.empty((4, 10, LANES))
+    strain, heavy, plain = np.empty((3, LANES)), np.empty((4, LANES)), np.empty(LANES)
+    p, natural = np.empty((6, LANES)), natural_state(q, law)
     moduli, stiffness = np.empty((4, 3, 3, LANES)), np.empty((10, 3, 3, LANES))
-    # of one field: its values, F and stress, and the load stiffness
-    moves, df, change = np.zeros((4, 3, LANES)), np.empty((6, LANES)), np.empty((3, LANES))
-    load = np.empty((6, 3, LANES))
+    # of one field: its values and F, and the load stiffness
+    moves, df, load = np.empty((4, 3, LANES)), np.empty((6, LANES)), np.empty((6, 3, LANES))
     residual[:] = 0.0
     data[:] = 0.0
     products[:] = 0.0
@@ -130,7 +132,10 @@ def assemble(
         count = min(LANES, len(cells) - first)
         gather(x, cells, first, count, corners)
         gather_reference(gradient, weight, first, count, slopes, heavy)
-        forces[:] = 0.0
+        gather_share(share, first, count, part)
+        find_load(corners, part, lift)
+        start_forces(pressure, lift, forces)
+        potential -= pressure * work(lift, corners, count) / 3.0
         for g in range(4):
             find_deformation(corners, slopes[g], f[g])
             find_strain(f[g], strain)
@@ -141,16 +146,11 @@ def assemble(
                     if state < 0:
                         return np.nan, wrinkled
                     wrinkled += state != 0
-                    for k in range(10):
-                        at[g, k, c] = heavy[g, c] * found[k]
+                    put_in_lane(at[g], c, heavy[g, c], found)
                 potential += at[g, 0, c]
-            add_stress(f[g], slopes[g], at[g, 1:4], forces)
-        gather_share(share, first, count, part)
-        find_load(corners, part, lift, volume)
-        take_load(pressure, lift, forces)
+            find_stress(f[g], at[g, 1:4], p)
+            add_stress(p, slopes[g], forces)
         add_to_nodes(forces, cells, first, count, residual)
-        for c in range(count):
-            potential -= pressure * volume[c] / 3.0
         if stiff:
             find_load_blocks(corners, pressure, part, load)
         if with_tangent:
@@ -162,14 +162,12 @@ def assemble(
             add_to_tangent(stiffness, scatter, times, first, count, data)
         for k in range(len(fields)):
             gather(fields[k], cells, first, count, moves)
-            forces[:] = 0.0
+            start_forces(rates[k], lift, forces)
             for g in range(4):
                 find_deformation(moves, slopes[g], df)
-                find_stress_change(f[g], df, at[g], change)
-                add_stress(f[g], slopes[g], change, forces)
-                add_stress(df, slopes[g], at[g, 1:4], forces)
+                find_stress_change(f[g], df, at[g], p)
+                add_stress(p, slopes[g], forces)
             add_load_change(load, moves, forces)
-            take_load(rates[k], lift, forces)
             add_to_nodes(forces, cells, first, count, products[k])
     return potential, wrinkled
 
@@ -177,14 +175,13 @@ def assemble(
 @compiled
 def assemble_pressure(x, cells, share, out):
     """Force of a unit pressure at positions x: ∂V/∂x, into out (n, 3) mm²."""
-    corners, lift = np.zeros((4, 3, LANES)), np.empty((4, 3, LANES))
-    volume, part = np.empty(LANES), np.zeros(LANES)
+    corners, lift, part = np.empty((4, 3, LANES)), np.empty((4, 3, LANES)), np.empty(LANES)
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
         count = min(LANES, len(cells) - first)
         gather(x, cells, first, count, corners)
         gather_share(share, first, count, part)
-        find_load(corners, part, lift, volume)
+        find_load(corners, part, lift)
         add_to_nodes(lift, cells, first, count, out)
 
 
@@ -201,8 +198,8 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
     -------
     ok : bool
     """
-    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
-    f, heavy = np.zeros((4, 6, LANES)), np.zeros((4, LANES))
+    corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
+    f, heavy, p = np.empty((6, LANES)), np.empty((4, LANES)), np.empty((6, LANES))
     strain, stress, plain = np.empty((3, LANES)), np.empty((3, LANES)), np.empty(LANES)
     by_stiffness, natural = np.empty((4, 3, LANES)), natural_state(q, law)
     forces = np.empty((4, 4, 3, LANES))
@@ -213,8 +210,8 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
         gather_reference(gradient, weight, first, count, slopes, heavy)
         forces[:] = 0.0
         for g in range(4):
-            find_deformation(corners, slopes[g], f[g])
-            find_strain(f[g], strain)
+            find_deformation(corners, slopes[g], f)
+            find_strain(f, strain)
             stiffness_in_lanes(
                 strain, heavy[g], q, law, relax, natural, by_stiffness, stress, plain
             )
@@ -229,7 +226,8 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
                         for i in range(3):
                             by_stiffness[k, i, c] = heavy[g, c] * found[k][i]
             for k in range(4):
-                add_stress(f[g], slopes[g], by_stiffness[k], forces[k])
+                find_stress(f, by_stiffness[k], p)
+                add_stress(p, slopes[g], forces[k])
         for k in range(4):
             add_to_nodes(forces[k], cells, first, count, out[k])
     return True
@@ -260,8 +258,8 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
     -------
     ok : bool
     """
-    corners, slopes = np.zeros((4, 3, LANES)), np.zeros((4, 4, 2, LANES))
-    f, heavy = np.zeros((4, 6, LANES)), np.zeros((4, LANES))
+    corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
+    f, heavy, p = np.empty((6, LANES)), np.empty((4, LANES)), np.empty((6, LANES))
     strain, plain = np.empty((3, LANES)), np.empty(LANES)
     measure, stress, change = np.empty((12, LANES)), np.empty((3, LANES)), np.empty((3, LANES))
     forces = np.empty((len(out), 4, 3, LANES))
@@ -272,8 +270,8 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
         gather_reference(gradient, weight, first, count, slopes, heavy)
         forces[:] = 0.0
         for g in range(4):
-            find_deformation(corners, slopes[g], f[g])
-            find_strain(f[g], strain)
+            find_deformation(corners, slopes[g], f)
+            find_strain(f, strain)
             measure_in_lanes(strain, law, measure)
             for k in range(len(out)):
                 low, high = _tuple_of(before[k]), _tuple_of(after[k])
@@ -293,7 +291,8 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
                             return False
                         for i in range(3):
                             change[i, c] = heavy[g, c] * (new[1 + i] - old[1 + i])
-                add_stress(f[g], slopes[g], change, forces[k])
+                find_stress(f, change, p)
+                add_stress(p, slopes[g], forces[k])
         for k in range(len(out)):
             add_to_nodes(forces[k], cells, first, count, out[k])
     return True

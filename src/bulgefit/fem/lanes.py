@@ -28,6 +28,7 @@ __all__ = [
     "LANES",
     "find_plain",
     "measure_in_lanes",
+    "put_in_lane",
     "respond_in_lanes",
     "stiffness_in_lanes",
     "stress_in_lanes",
@@ -104,35 +105,62 @@ def _bent_potential(e1, e2, q):
     return psi, q[8] * bent_1, q[9] * bent_2, 0.0, q[8] * slope_1, q[9] * slope_2, 0.0, 0.0
 
 
-@inlined
-def _add_bends(strain, weight, q, law, at):
-    """What the bends add to W, S and CC, times a weight."""
-    if law == 1:
-        for c in range(LANES):
-            e1, e2 = 0.5 * (strain[0, c] - 1.0), 0.5 * (strain[1, c] - 1.0)
-            found = _bent_potential(e1, e2, q)
-            at[0, c] += weight[c] * found[0]
-            at[1, c] += weight[c] * found[1]
-            at[2, c] += weight[c] * found[2]
-            at[4, c] += weight[c] * found[4]
-            at[5, c] += weight[c] * found[5]
-    else:
-        for c in range(LANES):
-            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
-            k, w = strain[2, c], weight[c]
-            area, g, g_s, g_ss = _log_terms(m, h * h + k * k)
-            e1, e2 = 0.5 * (area + g * h), 0.5 * (area - g * h)
-            found = pull_back(m, h, k, g, g_s, g_ss, _bent_potential(e1, e2, q))
-            at[0, c] += w * found[0]
-            at[1, c] += w * found[1]
-            at[2, c] += w * found[2]
-            at[3, c] += w * found[3]
-            at[4, c] += w * found[4]
-            at[5, c] += w * found[5]
-            at[6, c] += w * found[6]
-            at[7, c] += w * found[7]
-            at[8, c] += w * found[8]
-            at[9, c] += w * found[9]
+@merged
+def _svk(c11, c22, c12, q):
+    """W, S (3) and CC (6) of Green's strain without bends."""
+    psi, t1, t2, t3, h11, h22, h33, h12 = straight_potential(
+        0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
+    )
+    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+
+
+@merged
+def _svk_bends(c11, c22, c12, q):
+    """What the bends add to `_svk`."""
+    psi, t1, t2, t3, h11, h22, h33, h12 = _bent_potential(0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), q)
+    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+
+
+@merged
+def _hencky(c11, c22, c12, q):
+    """W, S (3) and CC (6) of the logarithmic strain without bends."""
+    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
+    area, g, g_s, g_ss = _log_terms(m, h * h + c12 * c12)
+    at = straight_potential(0.5 * (area + g * h), 0.5 * (area - g * h), g * c12, q)
+    return pull_back(m, h, c12, g, g_s, g_ss, at)
+
+
+@merged
+def _hencky_bends(c11, c22, c12, q):
+    """What the bends add to `_hencky`."""
+    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
+    area, g, g_s, g_ss = _log_terms(m, h * h + c12 * c12)
+    at = _bent_potential(0.5 * (area + g * h), 0.5 * (area - g * h), q)
+    return pull_back(m, h, c12, g, g_s, g_ss, at)
+
+
+@merged
+def put_in_lane(at, c, weight, found):
+    """Lane c of at (10, lanes) becomes W, S (3) and CC (6), times the weight."""
+    at[0, c], at[1, c], at[2, c] = weight * found[0], weight * found[1], weight * found[2]
+    at[3, c], at[4, c], at[5, c] = weight * found[3], weight * found[4], weight * found[5]
+    at[6, c], at[7, c], at[8, c] = weight * found[6], weight * found[7], weight * found[8]
+    at[9, c] = weight * found[9]
+
+
+@merged
+def _add_in_lane(at, c, weight, found):
+    """As `put_in_lane`, added to what is there."""
+    at[0, c] += weight * found[0]
+    at[1, c] += weight * found[1]
+    at[2, c] += weight * found[2]
+    at[3, c] += weight * found[3]
+    at[4, c] += weight * found[4]
+    at[5, c] += weight * found[5]
+    at[6, c] += weight * found[6]
+    at[7, c] += weight * found[7]
+    at[8, c] += weight * found[8]
+    at[9, c] += weight * found[9]
 
 
 @inlined
@@ -153,27 +181,52 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
     plain : (LANES,) array
         Overwritten with 1, and 0 where `relaxation.respond` has to be asked.
     """
+    bent = q[8] != 0.0 or q[9] != 0.0
     if law == 1:
         for c in range(LANES):
-            e1, e2 = 0.5 * (strain[0, c] - 1.0), 0.5 * (strain[1, c] - 1.0)
-            psi, t1, t2, t3, h11, h22, h33, h12 = straight_potential(e1, e2, strain[2, c], q)
-            at[0, c], at[1, c], at[2, c] = weight[c] * psi, weight[c] * t1, weight[c] * t2
-            at[3, c], at[4, c], at[5, c] = weight[c] * t3, weight[c] * h11, weight[c] * h22
-            at[6, c], at[7, c], at[8, c], at[9, c] = weight[c] * h33, weight[c] * h12, 0.0, 0.0
+            put_in_lane(at, c, weight[c], _svk(strain[0, c], strain[1, c], strain[2, c], q))
+        if bent:
+            for c in range(LANES):
+                found = _svk_bends(strain[0, c], strain[1, c], strain[2, c], q)
+                _add_in_lane(at, c, weight[c], found)
     else:
         for c in range(LANES):
-            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
-            k, w = strain[2, c], weight[c]
-            area, g, g_s, g_ss = _log_terms(m, h * h + k * k)
-            e1, e2 = 0.5 * (area + g * h), 0.5 * (area - g * h)
-            found = pull_back(m, h, k, g, g_s, g_ss, straight_potential(e1, e2, g * k, q))
-            at[0, c], at[1, c], at[2, c] = w * found[0], w * found[1], w * found[2]
-            at[3, c], at[4, c], at[5, c] = w * found[3], w * found[4], w * found[5]
-            at[6, c], at[7, c], at[8, c] = w * found[6], w * found[7], w * found[8]
-            at[9, c] = w * found[9]
-    if q[8] != 0.0 or q[9] != 0.0:
-        _add_bends(strain, weight, q, law, at)
+            put_in_lane(at, c, weight[c], _hencky(strain[0, c], strain[1, c], strain[2, c], q))
+        if bent:
+            for c in range(LANES):
+                found = _hencky_bends(strain[0, c], strain[1, c], strain[2, c], q)
+                _add_in_lane(at, c, weight[c], found)
     find_plain(strain, at[1:4], weight, q, relax, natural, plain)
+
+
+@merged
+def _svk_stiffness(c11, c22, c12, q):
+    """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33, of Green's strain."""
+    e1, e2 = 0.5 * (c11 - 1.0) - q[4], 0.5 * (c22 - 1.0) - q[5]
+    return (e1, 0.0, 0.0), (0.0, e2, 0.0), (e2, e1, 0.0), (0.0, 0.0, c12)
+
+
+@merged
+def _hencky_measure(c11, c22, c12):
+    """The logarithmic strain and its derivatives, as `laws` has them."""
+    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
+    area, g, g_s, _ = _log_terms(m, h * h + c12 * c12)
+    return log_strain(m, h, c12, area, g, g_s)
+
+
+@merged
+def _put_stiffness(found, stress, c, weight, by_d, q):
+    """Lane c of found (4, 3, lanes), and of the stress (3, lanes) that they make."""
+    d11, d22, d12, d33 = by_d
+    found[0, 0, c], found[0, 1, c] = weight * d11[0], weight * d11[1]
+    found[1, 0, c], found[1, 1, c] = weight * d22[0], weight * d22[1]
+    found[2, 0, c], found[2, 1, c] = weight * d12[0], weight * d12[1]
+    found[3, 0, c], found[3, 1, c] = weight * d33[0], weight * d33[1]
+    found[0, 2, c], found[1, 2, c] = weight * d11[2], weight * d22[2]
+    found[2, 2, c], found[3, 2, c] = weight * d12[2], weight * d33[2]
+    stress[0, c] = weight * (q[0] * d11[0] + q[1] * d22[0] + q[2] * d12[0] + q[3] * d33[0])
+    stress[1, c] = weight * (q[0] * d11[1] + q[1] * d22[1] + q[2] * d12[1] + q[3] * d33[1])
+    stress[2, c] = weight * (q[0] * d11[2] + q[1] * d22[2] + q[2] * d12[2] + q[3] * d33[2])
 
 
 @inlined
@@ -190,28 +243,12 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
     """
     if law == 1:
         for c in range(LANES):
-            w = weight[c]
-            e1, e2 = 0.5 * (strain[0, c] - 1.0) - q[4], 0.5 * (strain[1, c] - 1.0) - q[5]
-            found[0, 0, c], found[0, 1, c], found[0, 2, c] = w * e1, 0.0, 0.0
-            found[1, 0, c], found[1, 1, c], found[1, 2, c] = 0.0, w * e2, 0.0
-            found[2, 0, c], found[2, 1, c], found[2, 2, c] = w * e2, w * e1, 0.0
-            found[3, 0, c], found[3, 1, c], found[3, 2, c] = 0.0, 0.0, w * strain[2, c]
+            by_d = _svk_stiffness(strain[0, c], strain[1, c], strain[2, c], q)
+            _put_stiffness(found, stress, c, weight[c], by_d, q)
     else:
         for c in range(LANES):
-            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
-            k, w = strain[2, c], weight[c]
-            area, g, g_s, _ = _log_terms(m, h * h + k * k)
-            d11, d22, d12, d33 = by_stiffness(log_strain(m, h, k, area, g, g_s), q)
-            found[0, 0, c], found[0, 1, c], found[0, 2, c] = w * d11[0], w * d11[1], w * d11[2]
-            found[1, 0, c], found[1, 1, c], found[1, 2, c] = w * d22[0], w * d22[1], w * d22[2]
-            found[2, 0, c], found[2, 1, c], found[2, 2, c] = w * d12[0], w * d12[1], w * d12[2]
-            found[3, 0, c], found[3, 1, c], found[3, 2, c] = w * d33[0], w * d33[1], w * d33[2]
-    for i in range(3):
-        for c in range(LANES):
-            stress[i, c] = (
-                q[0] * found[0, i, c] + q[1] * found[1, i, c]
-                + q[2] * found[2, i, c] + q[3] * found[3, i, c]
-            )  # fmt: skip
+            by_d = by_stiffness(_hencky_measure(strain[0, c], strain[1, c], strain[2, c]), q)
+            _put_stiffness(found, stress, c, weight[c], by_d, q)
     find_plain(strain, stress, weight, q, relax, natural, plain)
     if q[6] < 0.0 or q[7] < 0.0 or q[8] != 0.0 or q[9] != 0.0:
         plain[:] = 0.0
@@ -221,14 +258,12 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
 def measure_in_lanes(strain, law, measure):
     """Strain in the law's measure and its derivatives, as `laws` has them, into (12, LANES)."""
     for c in range(LANES):
+        c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]
         if law == 1:
-            e1, e2, e3 = 0.5 * (strain[0, c] - 1.0), 0.5 * (strain[1, c] - 1.0), strain[2, c]
-            found = e1, e2, e3, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+            e1, e2 = 0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0)
+            found = e1, e2, c12, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
         else:
-            m, h = 0.5 * (strain[0, c] + strain[1, c]), 0.5 * (strain[0, c] - strain[1, c])
-            k = strain[2, c]
-            area, g, g_s, _ = _log_terms(m, h * h + k * k)
-            found = log_strain(m, h, k, area, g, g_s)
+            found = _hencky_measure(c11, c22, c12)
         measure[0, c], measure[1, c], measure[2, c] = found[0], found[1], found[2]
         measure[3, c], measure[4, c], measure[5, c] = found[3], found[4], found[5]
         measure[6, c], measure[7, c], measure[8, c] = found[6], found[7], found[8]
@@ -254,15 +289,23 @@ def stress_in_lanes(measure, weight, q, stress):
                 stress[i, c] += t1 * measure[3 + i, c] + t2 * measure[6 + i, c]
 
 
+@merged
+def _is_plain(c11, c22, c12, s11, s22, s12, modulus, relax, natural):
+    """True where a point is taut (stress and modulus times a weight) and near the natural state."""
+    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
+    s = h * h + c12 * c12
+    u = _log_argument(m * m - s)
+    near = (c11 > 0.0) & (m * m > s) & (s < _NEAR * m * m) & (u * u < _NEAR)
+    loose = is_slack(c11, c22, c12, natural) | is_compressed(s11, s22, s12, modulus)
+    return near & (not (relax & loose))
+
+
 @inlined
 def find_plain(strain, stress, weight, q, relax, natural, plain):
     """Tell the points that are taut and near the natural state."""
     for c in range(LANES):
-        c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]
-        m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
-        s = h * h + c12 * c12
-        u = _log_argument(m * m - s)
-        near = (c11 > 0.0) & (m * m > s) & (s < _NEAR * m * m) & (u * u < _NEAR)
-        loose = is_slack(c11, c22, c12, natural)
-        loose |= is_compressed(stress[0, c], stress[1, c], stress[2, c], weight[c] * (q[0] + q[1]))
-        plain[c] = 1.0 if near & (not (relax & loose)) else 0.0
+        taut = _is_plain(
+            strain[0, c], strain[1, c], strain[2, c], stress[0, c], stress[1, c], stress[2, c],
+            weight[c] * (q[0] + q[1]), relax, natural,
+        )  # fmt: skip
+        plain[c] = 1.0 if taut else 0.0

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 
-from bulgefit.fem.jit import compiled, merged
+from bulgefit.fem.jit import inner, merged
 
 __all__ = [
     "LAWS",
@@ -71,7 +71,7 @@ def _log_curvature(m, s, g_s):
     return (m / (det * det) - 3.0 * g_s) / (2.0 * s)
 
 
-@compiled
+@inner
 def _strain(c11, c22, c12, law):
     """Strain (e11, e22, 2 e12) of C in the law's measure, and its derivatives.
 
@@ -146,7 +146,7 @@ def _potential(e1, e2, e3, q):
     return psi, t1, t2, t3, h1, h2, h3, h12
 
 
-@compiled
+@inner
 def _knee(e, knee):
     """Integral, e - κ atan(e/κ), and its slope e²/(e² + κ²)."""
     x = e / knee
@@ -158,7 +158,7 @@ def _knee(e, knee):
     )
 
 
-@compiled
+@inner
 def response(c11, c22, c12, q, law):
     """Unrelaxed W, S (3), CC (11, 22, 33, 12, 13, 23)."""
     if law == 1:
@@ -230,7 +230,7 @@ def pull_back(m, h, k, g, g_s, g_ss, at):
     )  # fmt: skip
 
 
-@compiled
+@inner
 def stress_by_stiffness(c11, c22, c12, q, law):
     """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33 of the unrelaxed law."""
     return by_stiffness(_strain(c11, c22, c12, law), q)

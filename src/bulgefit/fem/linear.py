@@ -396,8 +396,15 @@ def make_solver(
         A key of `SOLVERS`.
     """
     if name is None:
-        sparse = "pardiso" if has_pardiso() else "superlu"
-        name = "banded" if free.sum() <= BANDED_UP_TO[sparse] else sparse
+        name = _best(int(free.sum()))
     if name not in SOLVERS:
         raise InputError(f"linear solver: {name!r} is unknown; choose from {', '.join(SOLVERS)}")
     return SOLVERS[name](positions, cells, free)
+
+
+def _best(size: int) -> str:
+    """The solver that measured best for so many unknowns."""
+    if size <= min(BANDED_UP_TO.values()):  # PARDISO takes a while to look for
+        return "banded"
+    sparse = "pardiso" if has_pardiso() else "superlu"
+    return "banded" if size <= BANDED_UP_TO[sparse] else sparse

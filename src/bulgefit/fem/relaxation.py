@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from bulgefit.fem.jit import compiled, merged
+from bulgefit.fem.jit import compiled, inner, merged
 from bulgefit.fem.laws import response, stress_by_stiffness
 
 __all__ = [
@@ -54,7 +54,7 @@ def is_compressed(s11, s22, s12, modulus):
     return (s11 < 0.0) | (s22 < 0.0) | (s11 * s22 < s12 * s12)
 
 
-@compiled
+@inner
 def _wrinkle(c11, c22, c12, q, law, at):
     """Minimise W(C + a⊗a) over a by Newton's method.
 
@@ -115,7 +115,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
     return False, a1, a2, at
 
 
-@compiled
+@inner
 def _wrinkle_stiffness(a1, a2, at):
     """CC B with B = ∂E/∂a of E + ½ a⊗a: its columns for a1 and a2, each (3,)."""
     return (
@@ -124,14 +124,14 @@ def _wrinkle_stiffness(a1, a2, at):
     )  # fmt: skip
 
 
-@compiled
+@inner
 def _wrinkle_hessian(a1, a2, at):
     """∂²W/∂a∂a = S + BᵀCC B: components 11, 22, 12."""
     x1, y1, z1, _, y2, z2 = _wrinkle_stiffness(a1, a2, at)
     return at[1] + a1 * x1 + a2 * z1, at[2] + a2 * y2 + a1 * z2, at[3] + a2 * y1 + a1 * z1
 
 
-@compiled
+@inner
 def _condense(a1, a2, at):
     """`at` with the wrinkle taken out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC."""
     m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
@@ -149,7 +149,7 @@ def _condense(a1, a2, at):
     )  # fmt: skip
 
 
-@compiled
+@inner
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
     at = response(c11, c22, c12, q, law)
@@ -157,7 +157,7 @@ def _relaxed(c11, c22, c12, q, law):
     return (WRINKLED if converged else -1), a1, a2, at
 
 
-@compiled
+@inner
 def respond(c11, c22, c12, q, law, relax):
     """State of a material point, and W, S (3), CC (6), as `point_response` explains them."""
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
@@ -200,7 +200,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     return state
 
 
-@compiled
+@inner
 def stress_sensitivity(c11, c22, c12, q, law, relax):
     """∂S/∂D at fixed C for the four stiffness components.
 
@@ -233,7 +233,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
     return TAUT, stress_by_stiffness(c11, c22, c12, q, law)
 
 
-@compiled
+@inner
 def _take_out(a1, a2, at, stress):
     """A change of stress at fixed wrinkle, less what the wrinkle's own change relieves."""
     m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
