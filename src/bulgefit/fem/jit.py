@@ -37,7 +37,7 @@ _SOURCES = hashlib.sha256(
 
 #: Division by zero gives an infinity, as in numpy. Sums may be reordered and fused for speed;
 #: NaN and infinity keep their meaning, since collapsed cells are told by them. The interpreter is
-#: released, so that several searches run in threads of one process.
+#: released, so that several searches run in threads of one process. Nothing calls a kernel from C.
 _OPTIONS: dict[str, Any] = {
     "nogil": True,
     "no_cfunc_wrapper": True,

@@ -117,7 +117,7 @@ def assemble(
     # Lanes beyond the last cell are worked on too; what they hold is not read.
     corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
     forces, lift, part = np.empty((4, 3, LANES)), np.empty((4, 3, LANES)), np.empty(LANES)
-    # at every Gauss point: F, and W, S and CC times t dA
+    # at every Gauss point: F, and W, S and CC times t dA; at one of them: P
     f, at = np.empty((4, 6, LANES)), np.empty((4, 10, LANES))
     strain, heavy, plain = np.empty((3, LANES)), np.empty((4, LANES)), np.empty(LANES)
     p, natural = np.empty((6, LANES)), natural_state(q, law)
