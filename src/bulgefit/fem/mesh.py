@@ -18,6 +18,8 @@ __all__ = ["DEFAULT_REFINE", "Mesh", "disc", "rectangle"]
 DEFAULT_REFINE = 4
 #: 2.3 million cells, for which memory ends.
 MOST_REFINE = 200
+#: Radii of `disc`, mm.
+_LEAST_RADIUS, _LARGEST_RADIUS = 1e-6, 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +114,19 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     Parameters
     ----------
     radius : float, mm
+        1e-6 to 1e9, so that products of lengths stay within floating point.
     refine : int
         Cells grow as 57 refine² (refine 4: 912 cells, 961 nodes).
+
+    Raises
+    ------
+    InputError
+        Radius or refinement out of range.
     """
+    if not _LEAST_RADIUS <= radius <= _LARGEST_RADIUS:
+        raise InputError(
+            f"mesh: radius must be {_LEAST_RADIUS:g} to {_LARGEST_RADIUS:g} mm, got {radius:g}"
+        )
     if not 1 <= refine <= MOST_REFINE:
         raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
     side, ring = 3 * refine, 4 * refine
