@@ -196,7 +196,7 @@ BAD = {
     "mesh elsewhere": (["--mesh", "far.npz"], "lies on its rim; give a disc about the"),
     "mesh in two": (["--mesh", "two.npz"], "mesh: its cells fall into 2 parts"),
     "radius": (["--radius", "-1"], "--radius -1: give a length above 0 mm"),
-    "huge radius": (["--radius", "1e300"], "radius must be 1e-06 to 1e+09 mm, got 1e+300"),
+    "huge radius": (["--radius", "1e300"], "mesh: nodes reach 1e+300 mm; give them in mm, up to"),
     "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
     "angle": (["--angle", "nan"], "--angle nan"),
     "solver": (["--linear-solver", "abacus"], "abacus"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import subprocess
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from numba import njit
+from numba.core.errors import TypingError
+from numba.extending import overload
 
 import bulgefit
 from bulgefit.fem import jit
@@ -69,3 +72,29 @@ def test_compiling_is_announced_once_and_a_cached_kernel_is_not(tmp_path: Path) 
     ]
     assert said[0].count("compiling kernels") == 1
     assert said[1] == ""
+
+
+def test_garbage_is_collected_again_after_compiling() -> None:
+    """Also after a kernel that does not compile, and not for one who had switched it off."""
+    during = []
+
+    def look() -> None: ...
+
+    @overload(look)
+    def looked():  # called while numba compiles
+        during.append(gc.isenabled())
+        return lambda: None
+
+    jit.compiled(lambda: look())()
+    assert during
+    assert not any(during)
+    assert gc.isenabled()
+    with pytest.raises(TypingError):
+        jit.compiled(lambda x: x.missing)(1.0)
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        jit.compiled(lambda x: x + 2.0)(1.0)
+        assert not gc.isenabled()
+    finally:
+        gc.enable()

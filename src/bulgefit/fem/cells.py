@@ -316,7 +316,7 @@ def add_stiffness(moduli, slopes, blocks):
 
 @inlined
 def add_load_stiffness(load, blocks):
-    """Add the products w × of `_load_blocks` to the blocks of the pairs of nodes a > b."""
+    """Add the products w × of `find_load_blocks` to the blocks of the pairs of nodes a > b."""
     pair = 0
     for a in range(1, 4):
         for b in range(a):

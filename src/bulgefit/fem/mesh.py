@@ -18,8 +18,8 @@ __all__ = ["DEFAULT_REFINE", "Mesh", "disc", "rectangle"]
 DEFAULT_REFINE = 4
 #: 2.3 million cells, for which memory ends.
 MOST_REFINE = 200
-#: Radii of `disc`, mm.
-_LEAST_RADIUS, _LARGEST_RADIUS = 1e-6, 1e9
+#: Coordinates up to which products of lengths stay well within floating point, mm.
+_FARTHEST = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +43,8 @@ class Mesh:
         Raises
         ------
         InputError
-            Wrong shapes, node numbers out of range, nodes of no cell, cells that are degenerate
-            or not convex, or that do not hang together.
+            Wrong shapes, node numbers out of range, nodes of no cell or far out of any membrane,
+            cells that are degenerate or not convex, or that do not hang together.
         """
         points = np.ascontiguousarray(nodes, dtype=np.float64)
         quads = np.array(cells, dtype=np.int64)
@@ -61,6 +61,10 @@ class Mesh:
         unused = len(points) - len(np.unique(quads))
         if unused:
             raise InputError(f"mesh: {unused} nodes belong to no cell; remove them")
+        if (reach := np.abs(points).max()) > _FARTHEST:
+            raise InputError(
+                f"mesh: nodes reach {reach:g} mm; give them in mm, up to {_FARTHEST:g} mm"
+            )
         corner = _corner_areas(points, quads)
         clockwise = (corner < 0).all(axis=1)
         quads[clockwise] = quads[clockwise][:, ::-1]
@@ -114,19 +118,9 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     Parameters
     ----------
     radius : float, mm
-        1e-6 to 1e9, so that products of lengths stay within floating point.
     refine : int
         Cells grow as 57 refine² (refine 4: 912 cells, 961 nodes).
-
-    Raises
-    ------
-    InputError
-        Radius or refinement out of range.
     """
-    if not _LEAST_RADIUS <= radius <= _LARGEST_RADIUS:
-        raise InputError(
-            f"mesh: radius must be {_LEAST_RADIUS:g} to {_LARGEST_RADIUS:g} mm, got {radius:g}"
-        )
     if not 1 <= refine <= MOST_REFINE:
         raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
     side, ring = 3 * refine, 4 * refine
