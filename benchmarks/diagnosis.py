@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 import bulgefit
-from bulgefit.gap.made_tests import Recipe, make_test
-from bulgefit.workers import open_executor
+from bulgefit.parallel.workers import open_executor
+from bulgefit.trial.make import Recipe, make_test
 
 KINDS = ("none", "clamp_slip", "rigid_motion", "knee", "two", "soft_patch", "camera_bend")
 #: Spacing (mm) that gives some 2,000 points.

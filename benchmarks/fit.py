@@ -109,8 +109,8 @@ def run(job: dict[str, Any]) -> dict[str, Any]:
 
 def work(test: Any, at: Any) -> dict[str, float]:
     """Seconds of one path with derivatives, and of one pass over the data: the least of three."""
-    from bulgefit.inverse.objective import Objective
-    from bulgefit.threads import one_blas_thread
+    from bulgefit.fitting.objective import Objective
+    from bulgefit.parallel.threads import one_blas_thread
 
     target = Objective([test], "e_w")
 
@@ -291,7 +291,7 @@ def share(job: dict[str, Any]) -> dict[str, Any]:
     from contextlib import ExitStack
 
     from bulgefit import bootstrap, fit, read_test
-    from bulgefit.workers import open_executor
+    from bulgefit.parallel.workers import open_executor
 
     test = read_test(job["file"])
     found = fit(test, bounds=job["bounds"], starts=1)

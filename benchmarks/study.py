@@ -22,14 +22,14 @@ import numpy as np
 from bulgefit import BulgeTest, fit, read_test
 from bulgefit.errors import SolveError
 from bulgefit.fem.mesh import Mesh
-from bulgefit.inverse.evaluate import cross_table, evaluate
-from bulgefit.inverse.fit import stability
-from bulgefit.inverse.objective import Objective, displacement_weight
-from bulgefit.inverse.result import FitResult
+from bulgefit.fitting.evaluate import cross_table, evaluate
+from bulgefit.fitting.fit import stability
+from bulgefit.fitting.objective import Objective, displacement_weight
+from bulgefit.fitting.result import FitResult
 from bulgefit.model.observation import METHODS, observe
 from bulgefit.model.parameters import Material, material
 from bulgefit.model.virtual_test import Setup, VirtualTests
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.threads import one_blas_thread
 
 HERE = Path(__file__).resolve().parents[1]
 TESTS = (1, 2, 4)

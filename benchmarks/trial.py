@@ -21,10 +21,11 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from bulgefit.gap.made_draws import FORMS, KNOWN
-from bulgefit.gap.made_tests import Recipe
-from bulgefit.gap.scoring import report
-from bulgefit.gap.trial import run_trial, score_folder
+import bulgefit
+from bulgefit.trial.draw import FORMS, KNOWN
+from bulgefit.trial.make import Recipe
+from bulgefit.trial.run import run_trial, score_folder
+from bulgefit.trial.score import report
 
 #: Sizes of the third run are divided by up to this.
 SHRINK = 30.0
@@ -108,6 +109,7 @@ def main() -> None:
                 seed=args.seed + place,
                 output=folder / f"run{place + 1}",
                 workers=args.workers,
+                diagnose=bulgefit.diagnose,
                 say=lambda line: print(line, file=sys.stderr, flush=True),
                 **options,
             )

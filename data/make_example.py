@@ -21,8 +21,8 @@ import numpy as np
 
 from bulgefit import InputError, disc, simulate
 from bulgefit.files import atomic_write_bytes
-from bulgefit.gap.made_tests import Recipe, make_test
 from bulgefit.model.observation import observe
+from bulgefit.trial.make import Recipe, make_test
 
 #: MPa and 1. Stable up to the highest pressure, without wrinkles.
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
@@ -85,7 +85,7 @@ def make_slip() -> dict[str, np.ndarray]:
         "poisson_ratio": np.float64(test.poisson_ratio),
         "time": test.time,
         "made": np.array(
-            f"MADE, not measured: bulgefit.gap.made_tests (data/make_example.py) with {moduli} "
+            f"MADE, not measured: bulgefit.trial.make (data/make_example.py) with {moduli} "
             f"(MPa), a clamp that slips by {compliance:.4f} mm per N/mm, seed {SLIP_SEED}"
         ),
     }

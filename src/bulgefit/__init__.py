@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
+    from bulgefit.fitting.bootstrap import bootstrap as bootstrap
+    from bulgefit.fitting.crossval import crossval as crossval
+    from bulgefit.fitting.evaluate import evaluate as evaluate
+    from bulgefit.fitting.fit import fit as fit
     from bulgefit.gap.diagnosis import diagnose as diagnose
-    from bulgefit.inverse.bootstrap import bootstrap as bootstrap
-    from bulgefit.inverse.crossval import crossval as crossval
-    from bulgefit.inverse.evaluate import evaluate as evaluate
-    from bulgefit.inverse.fit import fit as fit
     from bulgefit.model.parameters import Material as Material
     from bulgefit.model.parameters import material as material
+    from bulgefit.model.simulation import Simulation as Simulation
+    from bulgefit.model.simulation import simulate as simulate
     from bulgefit.report.fields import plot_fields as plot_fields
     from bulgefit.report.profiles import plot_profiles as plot_profiles
     from bulgefit.report.residuals import plot_residuals as plot_residuals
-    from bulgefit.simulation import Simulation as Simulation
-    from bulgefit.simulation import simulate as simulate
 
     __version__: str
 
@@ -37,19 +37,19 @@ _HOMES = {
     "BulgeTest": "bulgefit.dic.bulge_test",
     "Material": "bulgefit.model.parameters",
     "Mesh": "bulgefit.fem.mesh",
-    "Simulation": "bulgefit.simulation",
-    "bootstrap": "bulgefit.inverse.bootstrap",
-    "crossval": "bulgefit.inverse.crossval",
+    "Simulation": "bulgefit.model.simulation",
+    "bootstrap": "bulgefit.fitting.bootstrap",
+    "crossval": "bulgefit.fitting.crossval",
     "diagnose": "bulgefit.gap.diagnosis",
     "disc": "bulgefit.fem.mesh",
-    "evaluate": "bulgefit.inverse.evaluate",
-    "fit": "bulgefit.inverse.fit",
+    "evaluate": "bulgefit.fitting.evaluate",
+    "fit": "bulgefit.fitting.fit",
     "material": "bulgefit.model.parameters",
     "plot_fields": "bulgefit.report.fields",
     "plot_profiles": "bulgefit.report.profiles",
     "plot_residuals": "bulgefit.report.residuals",
     "read_test": "bulgefit.dic.readers",
-    "simulate": "bulgefit.simulation",
+    "simulate": "bulgefit.model.simulation",
     "write_test": "bulgefit.dic.writers",
 }
 

@@ -16,7 +16,7 @@ from bulgefit.cli.main import main
 from bulgefit.dic import read_test
 from bulgefit.errors import BulgefitError, InputError, SolveError
 from bulgefit.fem.mesh import disc
-from bulgefit.simulation import simulate
+from bulgefit.model.simulation import simulate
 
 MESH = Path(__file__).parents[3] / "shared" / "data" / "abaqus" / "mesh.npz"
 MATERIAL = ["--E1", "303", "--E2", "229", "--G12", "5", "--nu12", "0.24"]
@@ -254,7 +254,7 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
 def test_place_that_cannot_be_written(option, monkeypatch, capsys):
     """Even root may not make files in /proc; it is seen before the work."""
     file = {"--json": "/proc/r.json", "--output": "/proc/r.npz", "--picture": "/proc/r.png"}[option]
-    monkeypatch.setattr("bulgefit.simulation.simulate", lambda *_, **__: pytest.fail("began"))
+    monkeypatch.setattr("bulgefit.model.simulation.simulate", lambda *_, **__: pytest.fail("began"))
     assert run(*MATERIAL, "--refine", 1, "--pressure", "1", option, file) == 2
     assert f"{file}: cannot be written" in capsys.readouterr().err
 

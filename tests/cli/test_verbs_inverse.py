@@ -15,7 +15,7 @@ from bulgefit.cli.main import main
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.model.observation import observe
-from bulgefit.simulation import simulate
+from bulgefit.model.simulation import simulate
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 MATERIAL = ["--E1", "330", "--E2", "240", "--G12", "30"]
@@ -340,7 +340,7 @@ def test_read_only_folder(verb, folder, capsys):
 @pytest.mark.parametrize("verb", VERBS)
 def test_place_that_cannot_be_written(verb, folder, monkeypatch, capsys):
     """Even root may not make files in /proc; it is seen before the work."""
-    monkeypatch.setattr("bulgefit.cli._inverse.read_tests", lambda args: pytest.fail("began"))
+    monkeypatch.setattr("bulgefit.cli._fitting.read_tests", lambda args: pytest.fail("began"))
     words = [verb, "good.npz", *VERBS[verb], "--json", "/proc/r.json"]
     refused(capsys, folder, "/proc/r.json: cannot be written", *words)
 
@@ -390,7 +390,7 @@ def test_a_fit_is_given_whatever_becomes_of_the_rest(folder, monkeypatch, capsys
     def fails(*_, **__):
         raise InputError("next to no frame")
 
-    monkeypatch.setattr("bulgefit.inverse.bootstrap.bootstrap", fails)
+    monkeypatch.setattr("bulgefit.fitting.bootstrap.bootstrap", fails)
     words = ["fit", "good.npz", "--material", "isotropic", "--starts", 1, "--refine", REFINE]
     words += ["--max-evaluations", 1, "--quiet", "--bootstrap", 20, "--workers", 1]
     assert run(*words, "--json", "r.json", "--plots", "f") == 2
@@ -550,7 +550,7 @@ def test_fit_with_a_bootstrap(folder, capsys):
 
 def test_bootstraps_that_cannot_be(folder, arrays, monkeypatch, capsys):
     """They are refused before the fit."""
-    monkeypatch.setattr("bulgefit.inverse.fit.fit", lambda *_, **__: pytest.fail("began"))
+    monkeypatch.setattr("bulgefit.fitting.fit.fit", lambda *_, **__: pytest.fail("began"))
     for number in (0, 1, 19):
         words = ["fit", "good.npz", *BOUNDS, "--bootstrap", number]
         refused(capsys, folder, f"--bootstrap {number}: give 20 or more", *words)

@@ -18,7 +18,7 @@ from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diag
 from bulgefit.gap.keys import at_edge
 from bulgefit.gap.noise import estimate_noise
 from bulgefit.model.specimen import Specimen
-from bulgefit.workers import open_executor
+from bulgefit.parallel.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 SIGMA = np.array([0.006, 0.006, 0.012])

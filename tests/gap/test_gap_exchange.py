@@ -14,7 +14,7 @@ from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.search import Search, Trial
 from bulgefit.gap.structure import structure
 from bulgefit.gap.universe import universe
-from bulgefit.workers import open_executor
+from bulgefit.parallel.workers import open_executor
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0, "pressure_offset.offset": 0.03}
 EFFECTS = [CATALOGUE[e] for e in ("pressure_offset", "rigid_motion", "reference_state")]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.threads import one_blas_thread
 
 
 @pytest.fixture(autouse=True)

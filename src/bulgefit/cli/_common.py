@@ -373,7 +373,7 @@ def executor_from(args: argparse.Namespace, *, processes: bool = False) -> Itera
     InputError
         Both were given, or no scheduler answers.
     """
-    from bulgefit.workers import open_executor
+    from bulgefit.parallel.workers import open_executor
 
     if args.scheduler is not None and args.workers is not None:
         raise InputError("--workers and --scheduler do not go together: a cluster has its own")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from bulgefit.cli import _common, _inverse
+from bulgefit.cli import _common, _fitting
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit crossval test*.npz --objective e --material isotropic --json folds.json"
     )
     add_tests_argument(parser)
-    _inverse.add_search_arguments(parser)
-    _inverse.add_comparison_arguments(parser)
+    _fitting.add_search_arguments(parser)
+    _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
     _common.add_json_arguments(parser)
@@ -35,11 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Cross-validate and print."""
-    _common.check_outputs(args, _inverse.inputs(args))
-    tests = _inverse.read_tests(args)
-    options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
+    _common.check_outputs(args, _fitting.inputs(args))
+    tests = _fitting.read_tests(args)
+    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
 
-    from bulgefit.inverse.crossval import crossval
+    from bulgefit.fitting.crossval import crossval
 
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
     with _common.executor_from(args) as executor:

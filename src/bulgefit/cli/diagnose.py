@@ -9,7 +9,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bulgefit.cli import _common, _inverse
+from bulgefit.cli import _common, _fitting
 from bulgefit.cli.streams import say
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
@@ -91,18 +91,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write, draw and print."""
-    _common.check_outputs(args, _inverse.inputs(args))
+    _common.check_outputs(args, _fitting.inputs(args))
     effects = _effects(args.effects)
     workers = _common.workers_from(args)
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
-    tests = _inverse.read_tests(args)
+    tests = _fitting.read_tests(args)
     holdout = _holdout(args, tests)
     if args.report is not None:
         from bulgefit.report.diagnosis import check_report
 
         files = check_report([t.name for t in tests], args.report, args.force)
-        _common.check_outputs(args, _inverse.inputs(args), files)
+        _common.check_outputs(args, _fitting.inputs(args), files)
 
     from bulgefit.gap.diagnosis import diagnose
     from bulgefit.report.diagnosis import report_text
@@ -140,7 +140,7 @@ def _holdout(args: argparse.Namespace, tests: list[BulgeTest]) -> BulgeTest | No
     """The test of --holdout, read and cut as the others."""
     if args.holdout is None:
         return None
-    (kept,) = _inverse.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
+    (kept,) = _fitting.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
     for test in tests:
         if same_data(kept, test):
             raise InputError(

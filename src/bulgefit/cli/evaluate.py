@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from bulgefit.cli import _common, _inverse
+from bulgefit.cli import _common, _fitting
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="judge a model that does not deform, instead of a material",
     )
-    _inverse.add_comparison_arguments(parser)
+    _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
     _common.add_json_arguments(parser)
@@ -43,16 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evaluate and print."""
-    _common.check_outputs(args, _inverse.inputs(args))
+    _common.check_outputs(args, _fitting.inputs(args))
     if args.undeformed:
         for name in ("E1", "E2", "G12", "nu12", "E", "nu", "G"):
             if getattr(args, name) is not None:
                 raise InputError(f"--undeformed and --{name} do not go together: give one of them")
-    tests = _inverse.read_tests(args)
-    options = _inverse.comparison_options(args, tests)
+    tests = _fitting.read_tests(args)
+    options = _fitting.comparison_options(args, tests)
 
-    from bulgefit.inverse.evaluate import evaluate, evaluate_resting
-    from bulgefit.inverse.problem import stated_ratio
+    from bulgefit.fitting.evaluate import evaluate, evaluate_resting
+    from bulgefit.fitting.problem import stated_ratio
 
     if args.undeformed:
         result = evaluate_resting(tests, **options)

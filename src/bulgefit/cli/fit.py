@@ -7,13 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli import _common, _inverse
+from bulgefit.cli import _common, _fitting
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
-    from bulgefit.inverse.fit import FitResult
+    from bulgefit.fitting.fit import FitResult
     from bulgefit.model.parameters import Material
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit fit test*.npz --starts 50 --scheduler tcp://cluster:8786"
     )
     add_tests_argument(parser)
-    _inverse.add_search_arguments(parser)
-    _inverse.add_comparison_arguments(parser)
+    _fitting.add_search_arguments(parser)
+    _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
     _common.add_json_arguments(parser)
@@ -72,13 +72,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, write, draw and print."""
-    _common.check_outputs(args, _inverse.inputs(args))
-    tests = _inverse.read_tests(args)
+    _common.check_outputs(args, _fitting.inputs(args))
+    tests = _fitting.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
-    options = {**_inverse.comparison_options(args, tests), **_inverse.search_options(args)}
+    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
     _check_bootstrap(args, tests)
 
-    from bulgefit.inverse.fit import fit
+    from bulgefit.fitting.fit import fit
 
     _common.progress(
         args,
@@ -122,7 +122,7 @@ def _extend(
     lines: list[str],
 ) -> None:
     """Add --bootstrap and --cross-table to the payload and to the lines, each once it is there."""
-    from bulgefit.inverse.bootstrap import bootstrap
+    from bulgefit.fitting.bootstrap import bootstrap
 
     if args.bootstrap is not None:
         _common.progress(args, f"refitting {args.bootstrap} times")
@@ -139,9 +139,9 @@ def _cross_table(
     args: argparse.Namespace, result: FitResult, tests: list[BulgeTest], options: dict[str, Any]
 ) -> dict[str, dict[str, float | None]]:
     """Each objective under each objective's optimum, mm; None where that has none to compare."""
-    from bulgefit.inverse.evaluate import cross_table
-    from bulgefit.inverse.fit import fit
-    from bulgefit.inverse.objective import OBJECTIVES
+    from bulgefit.fitting.evaluate import cross_table
+    from bulgefit.fitting.fit import fit
+    from bulgefit.fitting.objective import OBJECTIVES
 
     optima: dict[str, Material] = {}
     empty: dict[str, dict[str, float | None]] = {}
@@ -186,7 +186,7 @@ def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path
     if folder.is_dir():
         for path in files:
             check_output(path, args.force)
-    _common.check_outputs(args, _inverse.inputs(args), files)
+    _common.check_outputs(args, _fitting.inputs(args), files)
     return pairs
 
 

@@ -13,7 +13,7 @@ from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
-    from bulgefit.simulation import Simulation
+    from bulgefit.model.simulation import Simulation
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from bulgefit.simulation import simulate
+    from bulgefit.model.simulation import simulate
 
     mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
     reach = float(np.hypot(*mesh.nodes.T).max())

@@ -89,8 +89,9 @@ def run(args: argparse.Namespace) -> int:
     kinds = _kinds(args.effects)
     workers = _common.workers_from(args)
 
-    from bulgefit.gap.made_tests import Recipe
-    from bulgefit.gap.trial import run_trial, score_folder
+    from bulgefit.gap.diagnosis import diagnose
+    from bulgefit.trial.make import Recipe
+    from bulgefit.trial.run import run_trial, score_folder
 
     if args.score:
         return _told(args, score_folder(folder))
@@ -105,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
             kinds=kinds,
             strike=args.strike,
             workers=workers,
+            diagnose=diagnose,
             recipe=Recipe(shrink=args.shrink),
             executor=executor,
             say=lambda line: _common.progress(args, line),
@@ -114,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
     """Write and print a result."""
-    from bulgefit.gap.scoring import report
+    from bulgefit.trial.score import report
 
     result["meta"]["versions"] = _common.versions()
     _common.deliver(args, result, report(result["scores"]))

@@ -13,6 +13,7 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
@@ -32,10 +33,9 @@ from bulgefit.gap.prepare import (
 )
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.separate import Pair, indistinguishable
-from bulgefit.inverse.result import describe_tests, versions
 from bulgefit.model.specimen import Specimen
-from bulgefit.threads import one_blas_thread
-from bulgefit.workers import open_executor
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.parallel.workers import open_executor
 
 __all__ = ["Cause", "Diagnosis", "diagnose"]
 

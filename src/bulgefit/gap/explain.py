@@ -32,8 +32,8 @@ from bulgefit.gap.search import (
 from bulgefit.gap.structure import Structure, structure
 from bulgefit.gap.universe import Universe, forms_in_reach, observed
 from bulgefit.model.specimen import Shapes
-from bulgefit.spread import spread
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["Explanation", "Round", "explain"]
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.fitting.objective import displacement_weight
 from bulgefit.gap.data import FOLDS, Data
 from bulgefit.gap.keys import chain_factor, has_field, names_of, specimen_values
 from bulgefit.gap.normal import offsets_change, offsets_of, shown
 from bulgefit.gap.regress import Regression
-from bulgefit.inverse.objective import displacement_weight
 
 __all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
 

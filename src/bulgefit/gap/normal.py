@@ -226,14 +226,14 @@ def _projected(data: Data, prediction: Prediction, rows: Floats) -> _Parts:
     counts = np.stack([np.tensordot(h[f] ** 2, data.used[f], 1) for f in chosen])
     total, number = sums.sum(axis=0), counts.sum(axis=0)
     before = np.diag(whole)
-    whole = whole - _gram(total, total, _inverse(number))
+    whole = whole - _gram(total, total, _fitting(number))
     # what the offsets contain (to first order a dome at rest is one of them) leaves rounding alone
     contained = np.diag(whole) < CONTAINED * before
     points = np.arange(rows.shape[2])
     for fold in range(FOLDS):
         block = blocks.held_block(fold)
         t, m = sums[block, :, points].swapaxes(0, 1), counts[block, points]
-        s, inverse = total - t, _inverse(number - m)
+        s, inverse = total - t, _fitting(number - m)
         across = _gram(t, s, inverse)
         kept[fold] -= _gram(s, s, inverse)
         held[fold] -= across + across.T - _gram(s, s, m * inverse**2)
@@ -247,7 +247,7 @@ def _gram(a: Floats, b: Floats, weight: Floats) -> Floats:
     return (a * weight).reshape(len(a), -1) @ b.reshape(len(b), -1).T
 
 
-def _inverse(count: Floats) -> Floats:
+def _fitting(count: Floats) -> Floats:
     """1/count, 0 for points that were never kept: their offset stays none."""
     return np.divide(1.0, count, out=np.zeros_like(count), where=count > 0)
 
@@ -264,4 +264,4 @@ def offsets_of(residual: Floats, used: NDArray[np.bool_], share: Floats) -> Floa
     By the used values, where it shows by `share` (frames,); 0 where there are none.
     """
     total = np.tensordot(share, np.where(used, residual, 0.0), 1)
-    return total * _inverse(np.tensordot(share**2, used, 1))
+    return total * _fitting(np.tensordot(share**2, used, 1))

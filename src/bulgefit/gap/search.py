@@ -15,8 +15,8 @@ from bulgefit.gap.keys import effect_of, is_field, null_of
 from bulgefit.gap.regress import MAX_ITERATIONS, Regression, regress
 from bulgefit.gap.universe import Universe, universe
 from bulgefit.model.specimen import Shapes
-from bulgefit.spread import spread
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = [
     "GAIN",

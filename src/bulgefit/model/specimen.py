@@ -48,7 +48,7 @@ from bulgefit.model.places import (
 )
 from bulgefit.model.smooth import SmoothField, smooth_field
 from bulgefit.model.window import Window
-from bulgefit.threads import side_by_side
+from bulgefit.parallel.threads import side_by_side
 
 __all__ = ["Prediction", "Shapes", "Specimen"]
 

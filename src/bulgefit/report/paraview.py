@@ -12,7 +12,7 @@ import numpy as np
 from bulgefit.files import atomic_write_bytes, atomic_write_text, check_output
 
 if TYPE_CHECKING:
-    from bulgefit.simulation import Simulation
+    from bulgefit.model.simulation import Simulation
 
 __all__ = ["piece_names", "write_paraview"]
 

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.inverse.minimise import GAUSS_NEWTON, Limits
-from bulgefit.inverse.multistart import descents
-from bulgefit.inverse.objective import Objective
-from bulgefit.inverse.problem import Problem
-from bulgefit.inverse.result import FitResult
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
+from bulgefit.fitting.multistart import descents
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.result import FitResult
 from bulgefit.model.parameters import Parameter
 
 __all__ = ["Bootstrap", "bootstrap"]

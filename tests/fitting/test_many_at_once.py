@@ -19,12 +19,12 @@ import pytest
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.inverse.bootstrap import bootstrap
-from bulgefit.inverse.fit import fit
-from bulgefit.inverse.result import FitResult
+from bulgefit.fitting.bootstrap import bootstrap
+from bulgefit.fitting.fit import fit
+from bulgefit.fitting.result import FitResult
 from bulgefit.model.virtual_test import Setup
-from bulgefit.spread import sent_once, spread
-from bulgefit.workers import Processes, open_executor
+from bulgefit.parallel.spread import sent_once, spread
+from bulgefit.parallel.workers import Processes, open_executor
 
 Maker = Callable[..., BulgeTest]
 BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
@@ -260,7 +260,7 @@ def test_a_client_that_does_not_notice_its_loss(monkeypatch: pytest.MonkeyPatch)
     """Its futures are never finished and never cancelled, and it says that it runs."""
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
-    monkeypatch.setattr("bulgefit.spread.SILENCE", 0.1)
+    monkeypatch.setattr("bulgefit.parallel.spread.SILENCE", 0.1)
     deaf = Losing(0)
     deaf.scheduler = SimpleNamespace(address=f"tcp://127.0.0.1:{port}")
     monkeypatch.setattr(deaf, "submit", lambda *_: Future())

@@ -26,12 +26,12 @@ from bulgefit.dic.readers import read_test
 from bulgefit.dic.writers import write_test
 from bulgefit.errors import BulgefitError, InputError
 from bulgefit.files import atomic_write_text
-from bulgefit.gap.made_draws import FOREIGN, KINDS, KNOWN
-from bulgefit.gap.made_tests import Recipe, make_test
-from bulgefit.gap.scoring import judge, score
-from bulgefit.spread import spread
-from bulgefit.threads import one_blas_thread
-from bulgefit.workers import open_executor
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.parallel.workers import open_executor
+from bulgefit.trial.draw import FOREIGN, KINDS, KNOWN
+from bulgefit.trial.make import Recipe, make_test
+from bulgefit.trial.score import judge, score
 
 __all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "score_folder", "seal"]
 
@@ -49,7 +49,7 @@ def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str
     number : int
     seed : int
     kinds : sequence of str, optional
-        Only these (`made_draws.KINDS`), equally often; default: all, in the shares of `SHARES`,
+        Only these (`draw.KINDS`), equally often; default: all, in the shares of `SHARES`,
         effects of a kind equally often.
 
     Raises
@@ -93,8 +93,8 @@ def run_trial(
     strike: bool = False,
     workers: int = 1,
     recipe: Recipe | None = None,
+    diagnose: Diagnose,
     options: Mapping[str, Any] | None = None,
-    diagnose: Diagnose | None = None,
     makers: Executor | None = None,
     executor: Executor | None = None,
     say: Callable[[str], None] = lambda line: None,
@@ -118,9 +118,9 @@ def run_trial(
         How large the tests are.
     options : mapping, optional
         Of the diagnosis.
-    diagnose : callable, optional
+    diagnose : callable
         Called as `diagnose([test], **options)`, gives an object with `to_dict()`; it must be
-        importable by a fresh process. Default: `bulgefit.gap.diagnosis.diagnose`.
+        importable by a fresh process, such as `bulgefit.diagnose`.
     makers, executor : Executor, optional
         Where tests are made, and where they are diagnosed. Default: fresh processes each, so that
         no process that diagnoses has known a truth. Workers on other machines must share `output`.
@@ -130,7 +130,7 @@ def run_trial(
     Returns
     -------
     dict
-        `scores` (see `bulgefit.gap.scoring.score`), `tests` (a line each) and `meta`.
+        `scores` (see `bulgefit.trial.score.score`), `tests` (a line each) and `meta`.
 
     Raises
     ------
@@ -284,14 +284,8 @@ def _catalogued(truth: Mapping[str, Any]) -> list[str]:
     return [effect for effect in truth["effects"] if effect in KNOWN]
 
 
-def diagnose_file(
-    path: str, options: Mapping[str, Any], diagnose: Diagnose | None = None
-) -> dict[str, Any]:
+def diagnose_file(path: str, options: Mapping[str, Any], diagnose: Diagnose) -> dict[str, Any]:
     """Read a test and diagnose it; a diagnosis that fails is an answer, too, but never right."""
-    if diagnose is None:
-        from bulgefit.gap.diagnosis import diagnose as found
-
-        diagnose = found
     start = time.perf_counter()
     try:
         with one_blas_thread():
@@ -331,7 +325,7 @@ def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, li
     return name, seal(text), _catalogued(made.truth)
 
 
-def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose | None]) -> dict[str, Any]:
+def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose]) -> dict[str, Any]:
     """Diagnose one test without its struck effects."""
     path, options, struck, diagnose = job
     if not Path(path).is_file():  # which is no answer
@@ -349,7 +343,7 @@ def _answers(
     folder: Path,
     struck: Mapping[str, list[str]],
     options: dict[str, Any],
-    diagnose: Diagnose | None,
+    diagnose: Diagnose,
     say: Callable[[str], None],
 ) -> dict[str, dict[str, Any]]:
     """Diagnose all tests; each answer is written as soon as it is there."""

@@ -23,7 +23,7 @@ from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path
 from bulgefit.fem.trace import trace
-from bulgefit.gap.made_draws import Draw
+from bulgefit.trial.draw import Draw
 
 __all__ = ["Shapes", "UnstableDrawError", "balance", "hexagon", "path_of", "softening", "true_load"]
 

@@ -15,12 +15,12 @@ import pytest
 from bulgefit.cli import trial as verb
 from bulgefit.cli.main import _Parser
 from bulgefit.errors import InputError
-from bulgefit.gap import trial
 from bulgefit.gap.diagnosis import diagnose
-from bulgefit.gap.made_draws import FOREIGN, KNOWN
-from bulgefit.gap.made_tests import Recipe
-from bulgefit.gap.trial import plan, run_trial, score_folder
-from bulgefit.workers import open_executor
+from bulgefit.parallel.workers import open_executor
+from bulgefit.trial import run as trial
+from bulgefit.trial.draw import FOREIGN, KNOWN
+from bulgefit.trial.make import Recipe
+from bulgefit.trial.run import plan, run_trial, score_folder
 
 SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
 #: Just enough for a diagnosis to judge.

@@ -9,14 +9,14 @@ from concurrent.futures import Executor
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.inverse.minimise import GAUSS_NEWTON, Limits
-from bulgefit.inverse.multistart import best_of, multistart
-from bulgefit.inverse.objective import Objective
-from bulgefit.inverse.problem import Problem
-from bulgefit.inverse.result import FitResult, Stability, describe_tests
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
+from bulgefit.fitting.multistart import best_of, multistart
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.result import FitResult, Stability, describe_tests
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Setup
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["fit"]
 
@@ -46,7 +46,7 @@ def fit(
     tests : BulgeTest or sequence of BulgeTest
         Several are fitted together; the objective is their mean.
     objective : {"e_w", "e", "e_z"}
-        See `bulgefit.inverse.objective`.
+        See `bulgefit.fitting.objective`.
     material : {"orthotropic", "isotropic", "isotropic-EG"}
     free : iterable of str
         Freed beyond the moduli: "nu12" or "nu".

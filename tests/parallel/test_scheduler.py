@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bulgefit import workers
 from bulgefit.cli.main import main
 from bulgefit.dic.writers import write_test
 from bulgefit.fem.mesh import disc
-from bulgefit.gap import trial
-from bulgefit.gap.made_tests import Recipe, make_test
 from bulgefit.model.observation import observe
-from bulgefit.simulation import simulate
+from bulgefit.model.simulation import simulate
+from bulgefit.parallel import workers
+from bulgefit.trial import run as trial
+from bulgefit.trial.make import Recipe, make_test
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 SMALL = ["--bounds", "E1=200:500,E2=150:400,G12=10:60", "--refine", "2", "--starts", "2"]

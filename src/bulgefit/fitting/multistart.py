@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.inverse.minimise import GAUSS_NEWTON, Descent, Limits, descend
-from bulgefit.inverse.problem import Evaluation, Problem
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Descent, Limits, descend
+from bulgefit.fitting.problem import Evaluation, Problem
 from bulgefit.model.parameters import Material
-from bulgefit.spread import spread
-from bulgefit.threads import one_blas_thread
-from bulgefit.workers import open_executor
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.parallel.workers import open_executor
 
 __all__ = ["Problems", "best_of", "descents", "multistart", "starting_points"]
 
@@ -58,7 +58,7 @@ def multistart(
     problem : Problem
     starts, seed : int
     method : str
-        See `bulgefit.inverse.minimise.descend`.
+        See `bulgefit.fitting.minimise.descend`.
     limits : Limits, optional
     executor : concurrent.futures.Executor, optional
         See `descents`.
@@ -88,7 +88,7 @@ def descents(
     jobs : sequence of (index, start)
         Which problem, and the coordinates to start from.
     method, limits
-        See `bulgefit.inverse.minimise.descend`.
+        See `bulgefit.fitting.minimise.descend`.
     executor : concurrent.futures.Executor, optional
         Where to run; default: `workers` threads of this process.
     workers : int

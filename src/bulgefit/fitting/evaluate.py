@@ -8,11 +8,11 @@ from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
-from bulgefit.inverse.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.inverse.result import describe_tests, versions
+from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
+from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Setup
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["cross_table", "evaluate", "evaluate_resting"]
 

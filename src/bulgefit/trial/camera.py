@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from bulgefit.gap.made_draws import Draw
-from bulgefit.gap.made_fabric import Shapes, true_load
+from bulgefit.trial.draw import Draw
+from bulgefit.trial.fabric import Shapes, true_load
 
 __all__ = ["NodalField", "Setting", "holes", "material_points", "noise", "observe"]
 

@@ -7,7 +7,7 @@ import time
 import pytest
 from threadpoolctl import threadpool_limits
 
-from bulgefit.threads import _controller, one_blas_thread, side_by_side
+from bulgefit.parallel.threads import _controller, one_blas_thread, side_by_side
 
 
 def threads() -> set[int]:

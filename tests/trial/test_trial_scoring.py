@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bulgefit.gap.scoring import is_right, report, score, wilson
+from bulgefit.trial.score import is_right, report, score, wilson
 
 
 def record(effects, verdict, *causes, struck=(), kind=None, **more):

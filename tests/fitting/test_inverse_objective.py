@@ -9,10 +9,10 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.inverse import objective as module
-from bulgefit.inverse.evaluate import cross_table, evaluate, evaluate_resting
-from bulgefit.inverse.objective import OBJECTIVES, Objective, displacement_weight
-from bulgefit.inverse.problem import Problem
+from bulgefit.fitting import objective as module
+from bulgefit.fitting.evaluate import cross_table, evaluate, evaluate_resting
+from bulgefit.fitting.objective import OBJECTIVES, Objective, displacement_weight
+from bulgefit.fitting.problem import Problem
 from bulgefit.model.parameters import material
 from bulgefit.model.virtual_test import Setup, apex_blocks
 

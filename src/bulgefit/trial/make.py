@@ -1,8 +1,8 @@
 """Bulge tests made with a known effect, for checking a diagnosis on data whose effect it is not
 told.
 
-What is wrong and by how much is drawn in `made_draws`, the fabric is balanced in `made_fabric`,
-and the camera looks at it in `made_camera`. None of it uses the model that diagnoses, beside the
+What is wrong and by how much is drawn in `draw`, the fabric is balanced in `fabric`,
+and the camera looks at it in `camera`. None of it uses the model that diagnoses, beside the
 membrane's own law and equilibrium.
 """
 
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
-from bulgefit.gap.made_camera import (
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.trial.camera import (
     NodalField,
     Setting,
     holes,
@@ -25,8 +26,8 @@ from bulgefit.gap.made_camera import (
     noise,
     observe,
 )
-from bulgefit.gap.made_draws import STATED_POISSON_RATIO, Draw, draw, firmer, kind_of, without
-from bulgefit.gap.made_fabric import (
+from bulgefit.trial.draw import STATED_POISSON_RATIO, Draw, draw, firmer, kind_of, without
+from bulgefit.trial.fabric import (
     FINENESS,
     UnstableDrawError,
     balance,
@@ -35,7 +36,6 @@ from bulgefit.gap.made_fabric import (
     softening,
     true_load,
 )
-from bulgefit.threads import one_blas_thread
 
 __all__ = ["Made", "Recipe", "make_test", "noise_free"]
 
@@ -56,7 +56,7 @@ class Recipe:
     spacing : float, mm
         Of the measured points.
     fineness : int
-        Of the mesh, a multiple of 8 (`made_fabric.hexagon`).
+        Of the mesh, a multiple of 8 (`fabric.hexagon`).
     shrink : float
         Sizes of effects are divided by up to this.
     """
@@ -93,7 +93,7 @@ def make_test(
     Parameters
     ----------
     kind : str
-        One of `made_draws.KINDS`.
+        One of `draw.KINDS`.
     seed : int or SeedSequence
         The same seed gives the same test.
     recipe : Recipe, optional

@@ -14,7 +14,7 @@ from bulgefit.fem.trace import trace
 from bulgefit.model.observation import observe
 from bulgefit.model.parameters import Material, material
 from bulgefit.model.virtual_test import Setup
-from bulgefit.threads import one_blas_thread
+from bulgefit.parallel.threads import one_blas_thread
 
 #: The mesh of the fits: 228 cells.
 COARSE = 2

@@ -13,15 +13,15 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError, InputError, SolveError
-from bulgefit.inverse import objective as module
-from bulgefit.inverse.crossval import crossval
-from bulgefit.inverse.evaluate import evaluate
-from bulgefit.inverse.fit import fit, stability
-from bulgefit.inverse.minimise import Descent, Limits, descend
-from bulgefit.inverse.multistart import starting_points
-from bulgefit.inverse.objective import Objective, TestParts
-from bulgefit.inverse.problem import Evaluation, Problem
-from bulgefit.inverse.result import FitResult, Stability
+from bulgefit.fitting import objective as module
+from bulgefit.fitting.crossval import crossval
+from bulgefit.fitting.evaluate import evaluate
+from bulgefit.fitting.fit import fit, stability
+from bulgefit.fitting.minimise import Descent, Limits, descend
+from bulgefit.fitting.multistart import starting_points
+from bulgefit.fitting.objective import Objective, TestParts
+from bulgefit.fitting.problem import Evaluation, Problem
+from bulgefit.fitting.result import FitResult, Stability
 from bulgefit.model.parameters import free_parameters, material
 from bulgefit.model.virtual_test import Setup
 
@@ -328,7 +328,7 @@ def test_crossval_goes_on_where_the_test_left_out_has_no_equilibrium(
             )
         return evaluate(test, *rest, **more)
 
-    monkeypatch.setattr("bulgefit.inverse.crossval.evaluate", fails_on_b)
+    monkeypatch.setattr("bulgefit.fitting.crossval.evaluate", fails_on_b)
     tests = [make(material("isotropic", E=300, nu=0.24), name=name) for name in "ab"]
     found = crossval(tests, "e", material="isotropic", starts=1, setup=setup)
     kept, lost = (fold["left_out_objectives"] for fold in found["folds"])

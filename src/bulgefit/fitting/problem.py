@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
-from bulgefit.inverse.l1 import Rows
-from bulgefit.inverse.objective import Objective
+from bulgefit.fitting.l1 import Rows
+from bulgefit.fitting.objective import Objective
 from bulgefit.model.parameters import Material, Parameter, free_parameters, parameters_of
 from bulgefit.model.virtual_test import Fields
 

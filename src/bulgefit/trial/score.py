@@ -1,6 +1,6 @@
 """How good are blind diagnoses, once their truth is opened?
 
-A record is a dict of `file`, `truth` (as `made_tests` writes it), `answer` (as a diagnosis's
+A record is a dict of `file`, `truth` (as `make` writes it), `answer` (as a diagnosis's
 `to_dict` gives it) and `struck`, the effects that were taken out of the catalogue.
 """
 

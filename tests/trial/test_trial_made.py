@@ -11,11 +11,14 @@ import pytest
 
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
-from bulgefit.gap import made_camera, made_draws, made_fabric, made_tests
-from bulgefit.gap.made_camera import NodalField, Setting, holes, material_points, noise
-from bulgefit.gap.made_draws import FOREIGN, FORMS, KINDS, KNOWN, Draw, Wave, draw, without
-from bulgefit.gap.made_fabric import FINENESS, Shapes, hexagon, softening, true_load
-from bulgefit.gap.made_tests import Recipe, make_test, noise_free
+from bulgefit.trial import camera as made_camera
+from bulgefit.trial import draw as made_draws
+from bulgefit.trial import fabric as made_fabric
+from bulgefit.trial import make as made_tests
+from bulgefit.trial.camera import NodalField, Setting, holes, material_points, noise
+from bulgefit.trial.draw import FOREIGN, FORMS, KINDS, KNOWN, Draw, Wave, draw, without
+from bulgefit.trial.fabric import FINENESS, Shapes, hexagon, softening, true_load
+from bulgefit.trial.make import Recipe, make_test, noise_free
 
 SMALL = Recipe(frames=6, spacing=13.0, fineness=8)
 MODULI = {"E1": 330.0, "E2": 200.0, "G12": 16.0}
@@ -49,7 +52,7 @@ def test_nothing_comes_from_the_model_that_diagnoses():
     for part in PARTS:
         tree = ast.parse(Path(part.__file__).read_text(encoding="utf-8"))
         names = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
-        assert not [n for n in names if n.startswith(("bulgefit.model", "bulgefit.inverse"))]
+        assert not [n for n in names if n.startswith(("bulgefit.model", "bulgefit.fitting"))]
 
 
 def test_the_dice_know_the_whole_catalogue():

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.inverse.minimise import Descent
-from bulgefit.inverse.objective import TestParts
+from bulgefit.fitting.minimise import Descent
+from bulgefit.fitting.objective import TestParts
 from bulgefit.model.parameters import Material, Parameter
 from bulgefit.model.virtual_test import Setup
 

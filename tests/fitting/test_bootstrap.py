@@ -11,12 +11,12 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.inverse.bootstrap import Bootstrap, _drawn, bootstrap
-from bulgefit.inverse.fit import fit
-from bulgefit.inverse.objective import Objective
+from bulgefit.fitting.bootstrap import Bootstrap, _drawn, bootstrap
+from bulgefit.fitting.fit import fit
+from bulgefit.fitting.objective import Objective
 from bulgefit.model.parameters import material
 from bulgefit.model.virtual_test import Setup
-from bulgefit.workers import open_executor
+from bulgefit.parallel.workers import open_executor
 
 Maker = Callable[..., BulgeTest]
 

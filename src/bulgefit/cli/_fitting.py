@@ -168,7 +168,7 @@ def comparison_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> 
 
 def search_options(args: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `fit` that the options stand for."""
-    from bulgefit.inverse.minimise import Limits
+    from bulgefit.fitting.minimise import Limits
 
     if args.max_evaluations < 1:
         raise InputError(f"--max-evaluations {args.max_evaluations}: give 1 or more")

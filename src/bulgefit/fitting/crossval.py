@@ -11,11 +11,11 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
-from bulgefit.inverse.evaluate import evaluate
-from bulgefit.inverse.minimise import GAUSS_NEWTON, Descent, Limits
-from bulgefit.inverse.multistart import best_of, descents, starting_points
-from bulgefit.inverse.objective import OBJECTIVES, Objective, displacement_weight
-from bulgefit.inverse.problem import Problem
+from bulgefit.fitting.evaluate import evaluate
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Descent, Limits
+from bulgefit.fitting.multistart import best_of, descents, starting_points
+from bulgefit.fitting.objective import OBJECTIVES, Objective, displacement_weight
+from bulgefit.fitting.problem import Problem
 from bulgefit.model.virtual_test import Setup
 
 __all__ = ["crossval"]

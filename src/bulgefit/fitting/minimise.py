@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, minimize
 
 from bulgefit.errors import InputError
-from bulgefit.inverse.problem import Evaluation, Problem
+from bulgefit.fitting.problem import Evaluation, Problem
 
 __all__ = ["GAUSS_NEWTON", "Descent", "Limits", "descend"]
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.inverse.l1 import Rows, absolute_sums, count_and_peaks, linearised_rows
+from bulgefit.fitting.l1 import Rows, absolute_sums, count_and_peaks, linearised_rows
 from bulgefit.model.observation import Observation
 from bulgefit.model.parameters import Material
 from bulgefit.model.virtual_test import Fields, Setup, VirtualTests, apex_blocks

@@ -1,0 +1,1 @@
+"""Does the diagnosis find what it is not told? Tests with sealed effects, and their score."""
