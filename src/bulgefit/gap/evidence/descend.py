@@ -21,6 +21,8 @@ STEPS = 40
 _SETTLED = 0.05
 #: Prior widths by which a first step may move any coordinate, and where no step is left.
 _REACH, _LEAST_REACH = 2.0, 1e-6
+#: Share of the reach that a step is to use, and tries to find a damping by which it does.
+_USED, _HALVINGS = 0.7, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +100,7 @@ def descend(
         promised = 2.0 * slope @ step - step @ matrix @ step
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
         if promised < _SETTLED:
-            converged = size < 0.9 * reach
+            converged = size < _USED * reach
             break
         there = _stepped(problem, here, step)
         taken += 1
@@ -107,7 +109,7 @@ def descend(
             gained = value - quadratic(there, layout, columns, problem.inflation)[0]
         if gained < 0.25 * promised:
             reach = 0.3 * size
-        elif gained > 0.75 * promised and size > 0.9 * reach:
+        elif gained > 0.75 * promised and size > _USED * reach:
             reach *= 3.0
         if there is not None and gained > 0.0:
             here = there
@@ -126,17 +128,20 @@ def _step(slope: Floats, matrix: Floats, layout: Layout, here: Linearised, reach
         return bounded_optimum(push, scaled + damping * np.eye(len(push)), lower)
 
     step = damped(0.0)
-    low, high = 0.0, float(np.abs(push).max(initial=0.0)) / reach
-    while np.abs(step).max(initial=0.0) > reach:
-        # damping of |b|/reach is enough; the least that is, to a factor, is found between
-        between = np.sqrt(max(low, 1e-6 * high) * high)
-        step = damped(between)
-        if np.abs(step).max() > reach:
+    if np.abs(step).max(initial=0.0) <= reach:
+        return step * width
+    # damping of |b|/reach is enough; halve its logarithm's range until most of the reach is used
+    low, high = 1e-8, float(np.linalg.norm(push)) / reach
+    step = damped(high)
+    for _ in range(_HALVINGS):
+        between = np.sqrt(low * high)
+        ahead = damped(between)
+        if np.abs(ahead).max() > reach:
             low = between
-        elif high / between < 4.0 or np.abs(step).max() > 0.7 * reach:
+            continue
+        high, step = between, ahead
+        if np.abs(step).max() > _USED * reach:
             break
-        else:
-            high, step = between, np.full_like(step, np.inf)
     return step * width
 
 
