@@ -14,7 +14,7 @@ from bulgefit.cli.main import main
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 40.0}
 EFFECTS = ["--effects", "rigid_motion,pressure_gain"]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
+from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 
@@ -66,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="warp turned from x in degrees, counter-clockwise seen from +z (default: 0)",
     )
+    add_effect_arguments(parser)
     _common.add_solver_arguments(parser)
     _common.add_json_arguments(parser)
     parser.add_argument(
@@ -85,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write and print."""
     pressures = _pressures(args.pressure)
     _check_outputs(args, len(pressures))
+    take_found_moduli(args)
     material = _common.material_from(args)
     radius = _positive(args.radius, "--radius", "mm")
     _positive(args.thickness, "--thickness", "mm")
@@ -108,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
         mesh=mesh,
         thickness=args.thickness,
         angle=args.angle,
+        effects=held_from(args),
         **_common.solver_options(args),
     )
     _common.deliver(

@@ -19,6 +19,13 @@ from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.relaxation import SLACK, TAUT, point_response
 from bulgefit.fem.trace import TOLERANCE
+from bulgefit.model.description import (
+    Description,
+    active_effects,
+    checked,
+    describe,
+    null_values,
+)
 from bulgefit.model.parameters import Material, material
 
 __all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
@@ -127,11 +134,12 @@ def simulate(
     thickness: float = 0.81,
     law: str = "hencky",
     angle: float = 0.0,
+    effects: Mapping[str, float] | None = None,
     relaxation: bool = True,
     linear_solver: str | None = None,
     tolerance: float = TOLERANCE,
 ) -> Simulation:
-    """Inflate a flat membrane that is clamped round its rim.
+    """Inflate a membrane that is clamped round its rim; flat and even unless effects say else.
 
     Parameters
     ----------
@@ -147,6 +155,8 @@ def simulate(
     law : {"hencky", "svk"}
     angle : float, degree
         Warp axis turned from x, counter-clockwise seen from +z.
+    effects : mapping of `effect.parameter` to value, optional
+        Of shape, clamp, material and load; what cameras do changes no shape.
     relaxation : bool
         Tension-field relaxation: the fabric wrinkles instead of carrying compression.
     linear_solver : str, optional
@@ -176,15 +186,18 @@ def simulate(
             "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
             "centre, with nodes inside"
         )
+    given = _described(mesh, parameters, loads, effects or {})
     membrane = Membrane(
         mesh,
         thickness,
         law,
         relaxation=relaxation,
-        angle=np.deg2rad(angle),
+        angle=np.deg2rad(angle) + given.angle,
         solver=linear_solver,
+        fabric=given.fabric,
     )
-    stiffness = np.asarray(parameters.stiffness(), dtype=np.float64)
+    stiffness = given.stiffness
+    recorded, loads = loads, _pressures(given.load.balanced)
     with threadpool_limits(1):  # so that results do not depend on the machine's cores
         path = trace_by_quarter(
             membrane,
@@ -220,7 +233,7 @@ def simulate(
     return Simulation(
         membrane=membrane,
         material=parameters,
-        pressure=loads,
+        pressure=recorded,
         displacement=displacement,
         path=path,
         error=0.0 if balanced else path.error_estimate,
@@ -229,6 +242,20 @@ def simulate(
         factorisations=work,
         seconds=time.perf_counter() - began,
     )
+
+
+def _described(
+    mesh: Mesh, made: Material, loads: Floats, effects: Mapping[str, float]
+) -> Description:
+    """The specimen that material and effects describe; InputError."""
+    checked(effects)
+    values = {**made.constants(), **effects}
+    nulls = null_values(made.constants()["nu12"])
+    radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
+    given = describe(mesh, radius, loads, None, values, active_effects(values, nulls))
+    if given.lift is not None:
+        raise InputError("simulate: a rim that rises is known to fit and predict alone")
+    return given
 
 
 def _pressures(pressure: ArrayLike) -> Floats:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.noise import estimate_noise
 from bulgefit.errors import InputError
-from bulgefit.gap.noise import estimate_noise
 from bulgefit.gap.prepare import _usable_frames, prepare
 
 SIGMA = np.array([0.006, 0.006, 0.015])

@@ -12,13 +12,15 @@ from scipy.spatial import KDTree
 
 from bulgefit.dic.bulge_test import BulgeTest
 
-__all__ = ["Noise", "estimate_noise", "outliers", "rough_part"]
+__all__ = ["Noise", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
 Floats = NDArray[np.float64]
 
 #: Distance (mm) beyond which noise is taken as independent.
 REACH = 40.0
 _NEIGHBOURS = 24
+#: Points that tell the noise of a test with more.
+MOST_POINTS = 4000
 #: Points around one that say whether it strays, and by how many noise units and spreads of theirs.
 _CIRCLE, _ASTRAY = 32, 12.0
 #: Frames from which they tell noise from what goes smoothly with pressure.
@@ -52,6 +54,46 @@ class Noise:
     inflation: float
     source: str
     persistent: float = 0.0
+
+
+def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
+    """Noise of any test: from some of very many points, or from the fullest of several blocks.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    residual : (frames, n, 3) array, mm, optional
+        Measured minus modelled, of a test of one block; see `estimate_noise`.
+
+    Returns
+    -------
+    Noise or None
+        None where too few points, or not all components, were measured to tell.
+    """
+    if len(test.blocks) > 1:
+        fullest = max(test.blocks, key=lambda block: block.measured.sum())
+        frames = fullest.frames
+        test = BulgeTest.from_arrays(
+            fullest.reference,
+            fullest.displacement,
+            test.pressure[frames],
+            name=test.name,
+            radius=test.radius,
+        )
+        residual = None
+    together = np.isfinite(test.blocks[0].displacement).all(axis=2).sum(axis=1)
+    if not len(test.blocks) or together.max(initial=0) < 2 * _NEIGHBOURS:
+        return None
+    count = len(test.blocks[0].reference)
+    if count <= MOST_POINTS:
+        return estimate_noise(test, residual)
+    some = np.zeros(count, dtype=bool)
+    some[np.random.default_rng(0).permutation(count)[:MOST_POINTS]] = True
+    found = estimate_noise(
+        test.select(points=some), None if residual is None else residual[:, some]
+    )
+    # as many points more lie within the reach of the correlation
+    return replace(found, inflation=1.0 + (found.inflation - 1.0) * count / MOST_POINTS)
 
 
 def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
