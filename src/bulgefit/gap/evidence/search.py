@@ -7,7 +7,7 @@ solve; what looks best is refitted, and what was refitted is what counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,10 @@ class Search:
     def improved(self, fit: Fit) -> Fit:
         """A fit from which no drop, growth, addition or swap that was tried raises the evidence."""
         while True:
-            around = self.around(fit)
+            try:
+                around = self.around(fit)
+            except SolveError:
+                return fit
             better = self._thinned(fit, around) or self._changed(fit, around)
             if better is None:
                 return fit
@@ -184,11 +187,19 @@ class Search:
         return found
 
 
-def explore(search: Search, start: Floats, near: object, fields: Iterable[str]) -> Fit:
+def explore(
+    search: Search,
+    start: Floats,
+    near: object = None,
+    fields: Iterable[str] = (),
+    content: Callable[[Fit], bool] = lambda _: False,
+) -> Fit:
     """The best model by several ways, since each may be trapped.
 
-    With everything freed at once from the start, then thinned; with the fields freed only after
-    the catalogue, for where they take what is an effect's; from the smallest model up.
+    First everything but the fields is freed at once and thinned, and, where more than two groups
+    stay or something is left, groups are added to the smallest model. Where what that leaves is
+    not put down to noise, everything is freed from the start, for where effects take what is a
+    field's, and again with the fields freed last, for where fields take what is an effect's.
 
     Parameters
     ----------
@@ -198,7 +209,9 @@ def explore(search: Search, start: Floats, near: object, fields: Iterable[str]) 
     near : object
         What a neighbouring point is sooner found from, or None.
     fields : iterable of str
-        Groups that are freed after the others by the second way.
+        Groups that are freed only by the later ways, but for what is forecast of them.
+    content : callable
+        Whether a fit leaves nothing but noise.
 
     Raises
     ------
@@ -207,14 +220,19 @@ def explore(search: Search, start: Floats, near: object, fields: Iterable[str]) 
     """
     layout, later = search.layout, set(fields)
     whole = layout.whole(search.names)
-    first = layout.whole(n for n in search.names if n not in later)
-    if (found := search.fit(whole, start, near)) is not None:
-        search.improved(found)
-    if first != whole and (found := search.fit(first, start, near)) is not None:
-        found = search.fit(whole, found.x, found.here.near) or found
-        search.improved(found)
-    if (found := search.fit(freeze({}), start, near)) is not None:
-        search.improved(found)
+    named = replace(search, names=tuple(n for n in search.names if n not in later))
+    first = named.fit(layout.whole(named.names), start, near)
+    if first is not None:
+        search.improved(first)
+    # one group or two that stand for fewer are dropped or swapped by one change, which was tried
+    trapped = not search.fits or len(search.best.model) > 2 or not content(search.best)
+    if trapped and (small := named.fit(freeze({}), start, near)) is not None:
+        search.improved(named.improved(small))
+    if later and (not search.fits or not content(search.best)):
+        if (found := search.fit(whole, start, near)) is not None:
+            search.improved(found)
+        if first is not None and (found := search.fit(whole, first.x, first.here.near)) is not None:
+            search.improved(found)
     if not search.fits:
         # the same solve once more: its error says where and why nothing balances
         search.problem.linearise(start, layout.columns(freeze({})), near)
