@@ -111,9 +111,11 @@ def main() -> None:
         args.seed, args.number = FINAL_SEED, FINAL_NUMBER
         if args.folder is None:
             parser.error("--final needs --folder: what it answers is kept")
-    elif not 0 <= args.seed < FINAL_SEED - len(runs(1, final=False)):
-        parser.error(f"--seed {args.seed}: seeds from {FINAL_SEED} on are for --final alone")
     chosen = runs(args.number, final=args.final)
+    if not args.final and not 0 <= args.seed <= FINAL_SEED - len(chosen):
+        parser.error(
+            f"--seed {args.seed}: give 0 to {FINAL_SEED - len(chosen)}, a seed for each run"
+        )
     if args.score:
         results = {
             title: score_folder(folder)

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from bulgefit.fem.membrane import Fabric, Membrane
@@ -15,6 +16,7 @@ from bulgefit.trial.draw import Draw, Wave
 from bulgefit.trial.fabric import balance
 from bulgefit.trial.gauge import recorded_load, true_load
 from bulgefit.trial.hexagon import hexagon
+from bulgefit.trial.noise import noise
 from bulgefit.trial.rim import course_of, positions
 from bulgefit.trial.signature import noise_free
 
@@ -68,6 +70,35 @@ def test_agrees_with_tests_that_others_made(shared, case):
     spread = np.sqrt(np.nanmean(difference**2, axis=(0, 1)))
     np.testing.assert_allclose(spread, size, rtol=0.06)
     assert (np.abs(np.nanmean(difference, axis=(0, 1))) < 0.2 * size).all()
+
+
+def test_noise_is_that_of_tests_that_others_made(shared):
+    """Size and correlation of images at rest: a length of 12 mm, the longest that is drawn."""
+    folder = shared / "practice"
+    if not folder.is_dir():
+        pytest.skip("no made tests of others (../shared/practice) on this machine")
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    theirs, ours, sizes = [], [], []
+    for number, case in enumerate(sorted(truth)):
+        with np.load(folder / case) as data:
+            points, static = data["reference"][:, :2], data["static_displacement"]
+        size = np.array(truth[case]["noise_mm"])
+        rng = np.random.default_rng(number)
+        own = noise(rng, points, len(static), (float(size[0]), float(size[1])), 12.0)
+        sizes.append(static.std(axis=(0, 1)) / size[[0, 0, 1]])
+        for kept, images in ((theirs, static), (ours, own)):
+            kept.append(_correlations(points, images / size[[0, 0, 1]]))
+    np.testing.assert_allclose(np.mean(sizes), 1.0, atol=0.03)
+    # some 6,000 points in patches of fifteen, in four images: standard errors of 0.02
+    np.testing.assert_allclose(np.mean(theirs, axis=0), np.mean(ours, axis=0), atol=0.06)
+
+
+def _correlations(points, images):
+    """Mean product of the noise of points 3 to 6, 6 to 9, 9 to 13 and 20 to 40 mm apart."""
+    apart = cdist(points, points)
+    together = np.einsum("fnc,fmc->nm", images, images) / (len(images) * 3)
+    bands = ((3, 6), (6, 9), (9, 13), (20, 40))
+    return [together[(apart > low) & (apart < high)].mean() for low, high in bands]
 
 
 def _of_others(truth):
