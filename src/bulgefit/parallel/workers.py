@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import platform
 import socket
 import struct
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 from urllib.parse import urlsplit
 
 from bulgefit.errors import InputError
+from bulgefit.parallel.processes import Processes
+from bulgefit.parallel.threads import pool_of
 
-__all__ = ["Processes", "open_executor"]
+__all__ = ["open_executor"]
 
 #: Seconds within which a scheduler answers and has a worker.
 PATIENCE = 10.0
@@ -54,36 +55,22 @@ def open_executor(
             finally:
                 client.close()
         return
-    pool: Executor = Processes(workers) if processes else ThreadPoolExecutor(workers)
+    with _processes(workers) if processes else pool_of(workers) as pool:
+        yield pool
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[Executor]:
+    """Processes that end with the block, at once where it is left by a Ctrl-C."""
+    pool, wait = Processes(workers), True
     try:
         yield pool
+    except KeyboardInterrupt:
+        pool.kill()
+        wait = False
+        raise
     finally:
-        pool.shutdown(cancel_futures=True)
-
-
-class Processes(Executor):
-    """Fresh processes; after one has died, `renew` starts others."""
-
-    def __init__(self, workers: int) -> None:
-        self._workers = workers
-        self._pool = self._fresh()
-
-    def _fresh(self) -> ProcessPoolExecutor:
-        # spawned, so that they start the same everywhere and know nothing of this process
-        return ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As every executor."""
-        return self._pool.submit(fn, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every executor."""
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
-
-    def renew(self) -> None:
-        """Replace the processes."""
-        self._pool.shutdown(cancel_futures=True)
-        self._pool = self._fresh()
+        pool.shutdown(wait, cancel_futures=True)
 
 
 @contextmanager
