@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import types
@@ -13,6 +14,7 @@ import pytest
 
 import bulgefit
 from bulgefit.cli import main as cli
+from bulgefit.cli.stopping import Told
 from bulgefit.errors import InputError, SolveError
 
 HEAVY = ("numpy", "scipy", "numba", "pyvista", "matplotlib", "h5py")
@@ -137,6 +139,7 @@ def test_options_are_exact_and_values_may_be_negative(verb, capsys):
         (PermissionError(13, "Permission denied", "a"), 2, "error: a: Permission denied"),
         (MemoryError(), 2, "error: not enough memory"),
         (KeyboardInterrupt(), 130, "interrupted"),
+        (Told(signal.SIGTERM), 143, "terminated"),
     ],
 )  # fmt: skip
 def test_failures_are_one_line(verb, capsys, error, status, line):

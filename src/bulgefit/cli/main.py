@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
-import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli.stopping import Told, leave, listen
 from bulgefit.cli.streams import drop, prepare, say
 from bulgefit.errors import BulgefitError
 
@@ -28,7 +29,7 @@ VERBS = {
     "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
 }
 
-BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+BAD_INPUT, BROKEN_PIPE = 2, 141
 
 _DESCRIPTION = """\
 bulgefit finds material parameters of fabrics and membranes from bulge inflation tests filmed by
@@ -45,15 +46,15 @@ examples:
   bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3
 
 `bulgefit VERB --help` tells what a verb takes. Exit status: 0 done, 2 bad input or no solution
-(one line on stderr says which), 130 interrupted."""
+(one line on stderr says which), 130 interrupted, 143 terminated."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
-    if argv is None:  # the program itself: when it is told to end, its workers end with it
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     prepare()
+    if argv is None:  # the program itself, whose signals are its own
+        listen(_name(words))
     try:
         try:
             status = _dispatch(words)
@@ -61,9 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         sys.stdout.flush()
         return status
-    except KeyboardInterrupt:
-        say(f"{_name(words)}: interrupted\n")
-        return INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        told = interrupt if isinstance(interrupt, Told) else Told()
+        if argv is None:
+            with suppress(OSError, ValueError):
+                sys.stdout.flush()
+            leave(_name(words), told)
+        say(f"{_name(words)}: {told.word}\n")
+        return told.status
     except BrokenPipeError:  # whoever read our output has left; say nothing
         drop(sys.stdout)
         return BROKEN_PIPE

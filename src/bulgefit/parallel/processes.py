@@ -52,7 +52,6 @@ class Processes(Executor):
     def kill(self) -> None:
         """End the processes at once, in the midst of whatever they do."""
         self._leash.close()
-        self._pool.shutdown(wait=False, cancel_futures=True)
 
     def renew(self) -> None:
         """Replace the processes."""

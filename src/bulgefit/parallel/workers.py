@@ -62,15 +62,14 @@ def open_executor(
 @contextmanager
 def _processes(workers: int) -> Iterator[Executor]:
     """Processes that end with the block, at once where it is left by a Ctrl-C."""
-    pool, wait = Processes(workers), True
+    pool = Processes(workers)
     try:
         yield pool
     except KeyboardInterrupt:
         pool.kill()
-        wait = False
         raise
     finally:
-        pool.shutdown(wait, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
