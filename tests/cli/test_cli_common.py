@@ -209,11 +209,15 @@ def test_deliver_in_the_midst_of_an_interrupt(tmp_path, capsys):
     """The result is given; pictures, which take seconds, are not drawn."""
     drawn = []
     args = parsed("--json", str(tmp_path / "r.json"))
-    with pytest.raises(KeyboardInterrupt):
+
+    def run():
         try:
             raise KeyboardInterrupt
         finally:
             _common.deliver(args, {"a": 1}, "table", lambda: drawn.append(1))
+
+    with pytest.raises(KeyboardInterrupt):
+        run()
     assert json.loads((tmp_path / "r.json").read_text()) == {"a": 1}
     assert capsys.readouterr().out == "table\n"
     assert drawn == []

@@ -228,6 +228,17 @@ def test_file_names_of_another_encoding(tmp_path):
     assert rb"caf\udce9: does not say its thickness" in done.stderr
 
 
+def test_a_notebook_s_backend_does_not_stop_figures(tmp_path):
+    frames = few_points(tmp_path / "frames")
+    words = f"{frames} --radius 100 --thickness 1 --refine 1 --starts 1 --material isotropic"
+    done = bulgefit_in_shell(
+        f"fit {words} --bounds E=10:10000 --plots {tmp_path / 'figures'}",
+        MPLBACKEND="notebook-of-another-environment",
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "figures").iterdir())) == 2
+
+
 @pytest.mark.parametrize(("closed", "shown"), [(">&-", 0), ("2>&-", 1), (">&- 2>&-", 0)])
 def test_streams_that_are_closed(closed, shown, tmp_path):
     command = f"simulate --E 250 --pressure 1 --refine 1 --json {tmp_path / 'r.json'} {closed}"

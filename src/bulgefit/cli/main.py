@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -53,8 +54,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
     words = list(sys.argv[1:] if argv is None else argv)
     prepare()
-    if argv is None:  # the program itself, whose signals are its own
+    if argv is None:  # the program itself, whose signals and environment are its own
         listen(_name(words))
+        # a notebook's names a module that may not be here; figures are drawn without any
+        os.environ.pop("MPLBACKEND", None)
     try:
         try:
             status = _dispatch(words)
