@@ -77,8 +77,11 @@ def test_while_soft_shear_is_traced_by_threads(
     assert not [*tmp_path.iterdir()]
 
 
-def test_while_processes_refit(start: Starter, tmp_path: Path) -> None:
-    """What was found by then is given."""
+def test_while_processes_refit(
+    start: Starter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was found by then is given, and nothing else is left."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     easy = ["--bounds", "E1=300:400,E2=200:300,G12=20:40", "--refine", "2", "--starts", "1"]
     words = ["-m", "bulgefit", "fit", EXAMPLE, *easy, "--workers", "2"]
     program = start(*words, "--bootstrap", "100000", "--json", tmp_path / "fit.json")

@@ -23,8 +23,9 @@ from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.result import FitResult
 from bulgefit.model.virtual_test import Setup
+from bulgefit.parallel.parcels import sent_once
 from bulgefit.parallel.processes import Processes
-from bulgefit.parallel.spread import sent_once, spread
+from bulgefit.parallel.spread import spread
 from bulgefit.parallel.workers import open_executor
 
 Maker = Callable[..., BulgeTest]

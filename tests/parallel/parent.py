@@ -9,6 +9,7 @@ from pathlib import Path
 
 from numba import njit
 
+from bulgefit.parallel.parcels import sent_once
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.workers import open_executor
 
@@ -21,10 +22,18 @@ def _compute(count: int) -> float:
     return total
 
 
-def stay(folder: str, item: int) -> float:
+@sent_once
+class Folder:
+    """Where workers write down who they are; sent to each of them as measured data are."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+
+def stay(folder: Folder, item: int) -> float:
     """Write down who this is, and do one's part."""
     _compute(10)
-    Path(folder, f"worker{item}").write_text(str(os.getpid()))
+    Path(folder.path, f"worker{item}").write_text(str(os.getpid()))
     if item == 0:
         return float(_compute(10**13))
     if item == 1:
@@ -34,4 +43,4 @@ def stay(folder: str, item: int) -> float:
 
 if __name__ == "__main__":
     with open_executor(3, processes=True) as pool:
-        spread(pool, stay, sys.argv[1], range(3))
+        spread(pool, stay, Folder(sys.argv[1]), range(3))

@@ -12,6 +12,8 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
+from bulgefit.parallel.parcels import drop_files
+
 __all__ = ["Processes"]
 
 
@@ -75,6 +77,11 @@ def _end_with(leash: Connection) -> None:
     """
     with suppress(EOFError, OSError):
         leash.recv_bytes()  # nothing is ever sent
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join(0.1)
+    if not parent.is_alive():  # nobody is left who would remove them
+        drop_files()
     os._exit(1)
 
 
