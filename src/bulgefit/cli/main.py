@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
 from bulgefit.cli.stopping import Told, leave, listen
 from bulgefit.cli.streams import drop, prepare, say
 from bulgefit.errors import BulgefitError
@@ -100,9 +101,12 @@ def _dispatch(words: list[str]) -> int:
         top.error(f"unknown verb {verb!r}; choose from {', '.join(VERBS)}")
     module = importlib.import_module(VERBS[verb][0])
     parser = _verb_parser(verb, module)
-    args = parser.parse_args(words[at + 1 :])
+    args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
-    return int(module.run(args))
+    check_config(args)
+    status = int(module.run(args))
+    save_config(parser, args)
+    return status
 
 
 class _Parser(argparse.ArgumentParser):
@@ -139,6 +143,7 @@ def _top_parser() -> argparse.ArgumentParser:
 def _verb_parser(verb: str, module: Any) -> argparse.ArgumentParser:
     parser = _Parser(prog=f"bulgefit {verb}", description=module.HELP)
     module.add_arguments(parser)
+    add_config_arguments(parser)
     _add_quiet(parser)
     return parser
 

@@ -144,7 +144,7 @@ def _stable(
         try:
             height, seen = noise_free(drawn, setting, recipe.fineness)
             return drawn, height, seen, _signature(drawn, setting, seen, recipe.fineness)
-        except UnstableDrawError:  # noqa: PERF203
+        except UnstableDrawError:
             drawn = firmer(drawn, rng)
     raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
 
