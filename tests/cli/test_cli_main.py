@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import signal
 import subprocess
 import sys
 import types
 
+import numba
+import numpy
 import pytest
+import scipy
 
 import bulgefit
 from bulgefit.cli import main as cli
@@ -72,7 +76,15 @@ def test_help_of_simulate_teaches(capsys):
 
 def test_version(capsys):
     assert cli.main(["--version"]) == 0
-    assert capsys.readouterr().out == f"bulgefit {bulgefit.__version__}\n"
+    lines = dict(line.split(" ", 1) for line in capsys.readouterr().out.splitlines())
+    assert lines == {
+        "bulgefit": bulgefit.__version__,
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "platform": platform.platform(),
+    }
 
 
 def test_python_m_bulgefit():

@@ -135,7 +135,12 @@ def _top_parser() -> argparse.ArgumentParser:
         description=_DESCRIPTION,
         epilog=_EPILOG.format(verbs=table),
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
+    parser.add_argument(
+        "--version",
+        action=_Version,
+        nargs=0,
+        help="print what a bug report needs: versions and the platform",
+    )
     _add_quiet(parser)
     return parser
 
@@ -153,12 +158,15 @@ def _add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 class _Version(argparse.Action):
-    """Print the version; it is looked up only when asked for."""
+    """Print what a bug report needs; it is looked up only when asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        import bulgefit
+        import platform
 
-        print(f"bulgefit {bulgefit.__version__}")
+        from bulgefit.cli._common import versions
+
+        found = {**versions(), "platform": platform.platform()}
+        print("\n".join(f"{name} {value}" for name, value in found.items()))
         parser.exit()
 
 
