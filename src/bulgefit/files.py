@@ -17,9 +17,13 @@ __all__ = [
     "check_apart",
     "check_folder",
     "check_output",
+    "drop_unfinished",
 ]
 
 Place = str | os.PathLike[str]
+
+#: Temporary files that are being written.
+_unfinished: set[Path] = set()
 
 
 def check_output(path: Place, force: bool = False) -> Path:
@@ -135,6 +139,7 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
     """
     target = _target(path, force)
     temporary = _temporary(target)
+    _unfinished.add(temporary)
     try:
         with _written(path):
             _make(temporary)
@@ -142,8 +147,19 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
             _to_disk(temporary)
             os.replace(temporary, target)
     finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        _remove(temporary)
+
+
+def drop_unfinished() -> None:
+    """Remove what is being written, in the midst of it: for a process that is about to end."""
+    for temporary in [*_unfinished]:
+        _remove(temporary)
+
+
+def _remove(temporary: Path) -> None:
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
+    _unfinished.discard(temporary)
 
 
 def atomic_write_bytes(path: Place, data: bytes, force: bool = False) -> None:

@@ -274,8 +274,11 @@ def deliver(
     text : str
         The result to read, printed unless --json - asks for the payload there.
     works : callables
-        They write further files. Printing comes last, since a pipe that is closed ends all.
+        They write further files. Printing comes last, since a pipe that is closed ends all. Whoever
+        was told to end while more was computed has no time left for them.
     """
+    if isinstance(sys.exc_info()[1], KeyboardInterrupt):
+        works = ()
     with ExitStack() as rest:  # what is put first is done last
         if prints_json(args):
             rest.callback(write_json, payload, "-")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bulgefit.dic import assemble
 from bulgefit.dic.check import check, increases
 from bulgefit.errors import InputError
-from bulgefit.parallel.spread import sent_once
+from bulgefit.parallel.parcels import sent_once
 
 __all__ = ["Block", "BulgeTest"]
 

@@ -2,7 +2,8 @@
 
 numba keeps what it has compiled in `__pycache__` beside the source, or in the user's cache folder
 where that cannot be written. It drops a compiled function when the function's own file changes,
-but not when a file changes whose functions or constants went into it; here both are watched.
+but not when a file changes whose functions or constants went into it; here both are watched. That
+touches private parts of numba's cache, for which pyproject.toml bounds its version.
 """
 
 from __future__ import annotations
