@@ -115,8 +115,9 @@ def add_law_argument(group: argparse._ArgumentGroup) -> None:
         "--law",
         default="hencky",
         metavar="LAW",
-        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
-        "(svk) (default: hencky)",
+        help="stress linear in the logarithmic strain (hencky), in the Green-Lagrange strain (svk) "
+        "or in the strains of the yarns and their angle (yarn), or the law of another package by "
+        "its name (default: hencky)",
     )
 
 

@@ -103,10 +103,10 @@ class Simulation:
         Returns
         -------
         dict of (m,) arrays
-            `strain_11`, `strain_22`, `strain_12` (tensor components; logarithmic strain under
-            hencky, Green-Lagrange under svk; wrinkles included), `stress_11`, `stress_22`,
-            `stress_12` (second Piola-Kirchhoff, MPa of the undeformed section) and `wrinkled`
-            (share of the cell's Gauss points without tension in some direction).
+            `strain_11`, `strain_22`, `strain_12` (tensor components of the law's own strain:
+            logarithmic under hencky, Green-Lagrange under svk; wrinkles included), `stress_11`,
+            `stress_22`, `stress_12` (second Piola-Kirchhoff, MPa of the undeformed section) and
+            `wrinkled` (share of the cell's Gauss points without tension in some direction).
         """
         membrane = self.membrane
         corners = (membrane.reference + self.displacement[index])[self.mesh.cells]
@@ -119,12 +119,12 @@ class Simulation:
             state[at] = point_response(
                 c[at][0, 0], c[at][1, 1], c[at][0, 1], q, law, membrane.relaxation, out[at]
             )
-        strain = 0.5 * (_logarithm(c) if membrane.law == "hencky" else c - np.eye(2))
+        e11, e22, shear = law.strain(np.array([c[..., 0, 0], c[..., 1, 1], c[..., 0, 1]]))
         share = np.where(state == SLACK, 1, state != TAUT)
         return {
-            "strain_11": strain[..., 0, 0].mean(axis=1),
-            "strain_22": strain[..., 1, 1].mean(axis=1),
-            "strain_12": strain[..., 0, 1].mean(axis=1),
+            "strain_11": e11.mean(axis=1),
+            "strain_22": e22.mean(axis=1),
+            "strain_12": 0.5 * shear.mean(axis=1),
             "stress_11": out[..., 1].mean(axis=1),
             "stress_22": out[..., 2].mean(axis=1),
             "stress_12": out[..., 3].mean(axis=1),
@@ -337,9 +337,3 @@ def _pressures(pressure: ArrayLike) -> Floats:
     if len(bad):
         raise InputError(f"pressures must be above 0, got {10 * bad[0]:g} bar")
     return loads
-
-
-def _logarithm(c: Floats) -> Floats:
-    """ln of symmetric positive definite (..., 2, 2) tensors."""
-    values, vectors = np.linalg.eigh(c)
-    return np.asarray(np.einsum("...ik,...k,...jk->...ij", vectors, np.log(values), vectors))
