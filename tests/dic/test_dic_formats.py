@@ -227,8 +227,8 @@ def test_hdf5_without_units_is_in_mm_and_mpa(made, tmp_path):
 def test_hdf5_with_an_unknown_unit_or_kind(made_test, tmp_path):
     write_test(made_test, tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
-        file["pressure"].attrs["unit"] = "psi"
-    with pytest.raises(InputError, match="pressure has the unit 'psi'; known are MPa"):
+        file["pressure"].attrs["unit"] = "torr"
+    with pytest.raises(InputError, match="pressure has the unit 'torr'; known are MPa"):
         read_test(tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
         del file["pressure"]
@@ -541,7 +541,7 @@ def test_csv_without_specimen(csv_folder):
     [
         ("pressure.csv", "", "pressure.csv: is empty"),
         ("pressure.csv", "file,p\na,1\n", "needs the columns file and pressure_bar"),
-        ("pressure.csv", "file,pressure_psi\nframe_0.csv,1\n", "unit 'psi'"),
+        ("pressure.csv", "file,pressure_torr\nframe_0.csv,1\n", "unit 'torr'"),
         ("pressure.csv", "file,pressure_bar\nlost.csv,1\n", "names lost.csv, which is not in"),
         ("pressure.csv", "file,pressure_bar\n../a.csv,1\n", "not the name of a file"),
         ("pressure.csv", "file,pressure_bar\nframe_0.csv,1\n", "frame_1.csv has no pressure"),

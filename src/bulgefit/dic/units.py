@@ -6,7 +6,7 @@ from bulgefit.errors import InputError
 
 __all__ = ["LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
 
-LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3}
+LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
 PRESSURE = {
     "MPa": 1.0,
     "N/mm^2": 1.0,
@@ -15,6 +15,8 @@ PRESSURE = {
     "GPa": 1e3,
     "bar": 0.1,
     "mbar": 1e-4,
+    # one pound-force on a square inch
+    "psi": 4.4482216152605 / 25.4**2,
 }
 TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 PURE = {"1": 1.0, "": 1.0}
