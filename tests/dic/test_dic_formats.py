@@ -666,7 +666,7 @@ def test_damaged_headers_of_arrays(tmp_path, shape):
     with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
         for key in ("reference", "displacement", "pressure"):
             archive.writestr(f"{key}.npy", array.replace(b"|O", b"<f8"))
-    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged)"):
+    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged|reference has)"):
         read_test(tmp_path / "t.npz")
     (tmp_path / "t.npy").write_bytes(array)
     with pytest.raises(InputError, match=r"t.npy: not a bulge test"):

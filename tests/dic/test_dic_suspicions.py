@@ -72,7 +72,7 @@ def scaled(arrays, key, factor):
 
 #: What went wrong, the code that must name it, and what convert is told to mend it.
 ROWS = {
-    "deformed positions": (positions, "positions_not_displacements", "--positions"),
+    "deformed positions": (positions, "positions_not_displacements", "--from-positions"),
     "warp and fill swapped in the displacement": (
         lambda a: swap(a, *both("d")),
         "dx_dy_swapped",
@@ -166,7 +166,9 @@ def test_it_is_named_and_mended(row, arrays, example, tmp_path, capsys):
     assert code in found
     assert all(entry["text"] and entry["remedy"] for entry in warnings)
     # where two arrays disagree, the remedy speaks of the displacement
-    told = mend if mend.startswith(("--positions", "--swap-xy displ", "--flip d")) else mend[:6]
+    told = (
+        mend if mend.startswith(("--from-positions", "--swap-xy displ", "--flip d")) else mend[:6]
+    )
     assert told in found[code]["remedy"]
     run(convert, tmp_path / "spoilt.npz", tmp_path / "mended.npz", *shlex.split(mend))
     mended = read_test(tmp_path / "mended.npz")
@@ -288,7 +290,7 @@ def test_fits_are_warned_too(arrays, tmp_path, capsys):
     tests_in.tests_from(parser.parse_args([str(tmp_path / "t.npz")]))
     said = capsys.readouterr().err
     assert "warning: t: dx changes by 1.0" in said or "warning: t: dy changes by 1.0" in said
-    assert "convert IN OUT --positions" in said
+    assert "convert IN OUT --from-positions" in said
 
 
 def test_codes_stay_plain_words(arrays):

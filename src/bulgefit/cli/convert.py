@@ -82,7 +82,7 @@ def _add_mends(parser: argparse.ArgumentParser) -> None:
         "pressure=psi/bar or displacement=um/mm; may be given several times",
     )
     group.add_argument(
-        "--positions",
+        "--from-positions",
         action="store_true",
         help="displacement (and that of images at rest) holds deformed positions: take the "
         "reference off",
@@ -152,7 +152,7 @@ def _mends(args: argparse.Namespace) -> list[Mend]:
         partial(mend.in_unit, quantity=quantity, unit=unit, taken=taken)
         for quantity, unit, taken in units
     ]
-    if args.positions:
+    if args.from_positions:
         mends.append(mend.from_positions)
     if args.swap_xy is not None:
         mends.append(partial(mend.swapped, arrays=args.swap_xy))

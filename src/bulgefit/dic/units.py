@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 from bulgefit.errors import InputError
 
 __all__ = ["LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
@@ -40,5 +42,5 @@ def factor(unit: str, known: dict[str, float], where: str) -> float:
     """
     if unit not in known:
         names = ", ".join(name for name in known if name)
-        raise InputError(f"{where} has the unit {unit!r}; known are {names}")
+        raise InputError(f"{where} has the unit {reprlib.repr(unit)}; known are {names}")
     return known[unit]

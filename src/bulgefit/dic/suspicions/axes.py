@@ -67,7 +67,7 @@ def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
             f"d{'xy'[row]} changes by {motion.slope[row, column]:.2f} mm per mm of "
             f"{'xy'[column]} over the disc, where a clamp lets it change by 0: displacement holds "
             "deformed positions",
-            "bulgefit convert IN OUT --positions takes the reference off",
+            "bulgefit convert IN OUT --from-positions takes the reference off",
         )
 
 
