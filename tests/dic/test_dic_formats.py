@@ -227,8 +227,8 @@ def test_hdf5_without_units_is_in_mm_and_mpa(made, tmp_path):
 def test_hdf5_with_an_unknown_unit_or_kind(made_test, tmp_path):
     write_test(made_test, tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
-        file["pressure"].attrs["unit"] = "psi"
-    with pytest.raises(InputError, match="pressure has the unit 'psi'; known are MPa"):
+        file["pressure"].attrs["unit"] = "torr"
+    with pytest.raises(InputError, match="pressure has the unit 'torr'; known are MPa"):
         read_test(tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
         del file["pressure"]
@@ -541,7 +541,7 @@ def test_csv_without_specimen(csv_folder):
     [
         ("pressure.csv", "", "pressure.csv: is empty"),
         ("pressure.csv", "file,p\na,1\n", "needs the columns file and pressure_bar"),
-        ("pressure.csv", "file,pressure_psi\nframe_0.csv,1\n", "unit 'psi'"),
+        ("pressure.csv", "file,pressure_torr\nframe_0.csv,1\n", "unit 'torr'"),
         ("pressure.csv", "file,pressure_bar\nlost.csv,1\n", "names lost.csv, which is not in"),
         ("pressure.csv", "file,pressure_bar\n../a.csv,1\n", "not the name of a file"),
         ("pressure.csv", "file,pressure_bar\nframe_0.csv,1\n", "frame_1.csv has no pressure"),
@@ -666,7 +666,7 @@ def test_damaged_headers_of_arrays(tmp_path, shape):
     with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
         for key in ("reference", "displacement", "pressure"):
             archive.writestr(f"{key}.npy", array.replace(b"|O", b"<f8"))
-    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged)"):
+    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged|reference has)"):
         read_test(tmp_path / "t.npz")
     (tmp_path / "t.npy").write_bytes(array)
     with pytest.raises(InputError, match=r"t.npy: not a bulge test"):

@@ -91,8 +91,8 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     options = reader_options(args)
     tests = [read_test(path, **options) for path in args.tests]
     for test in tests:
-        for line in alarms(test):
-            progress(args, f"warning: {test.name}: {line}")
+        for alarm in alarms(test):
+            progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
     for one, other in combinations(tests, 2):
         if same_data(one, other):
             raise InputError(

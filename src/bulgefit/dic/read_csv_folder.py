@@ -59,7 +59,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
     for file in files:
         values = read_table(file).numbers([names[key] for key in COLUMNS])
         frames.append((values[:, :3], values[:, 3:]))
-    used = [table, *files] + ([path / _SPECIMEN] if specimen else [])
+    used = [table, *files, *(file for file in [path / _SPECIMEN] if file.is_file())]
     return Recording(
         pressure=pressure,
         checksum=file_checksum(*sorted(used)),
@@ -139,6 +139,8 @@ def _frame_file(path: Path, name: str, table: Table) -> Path:
         raise InputError(f"{path}: {name!r} is not the name of a file in the folder")
     if not file.is_file():
         raise InputError(f"{path}: names {name}, which is not in the folder {path.parent}")
+    if file.resolve().parent != path.parent.resolve():
+        raise InputError(f"{path}: {name} is a link out of the folder; copy the file into it")
     return file
 
 

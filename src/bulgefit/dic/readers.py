@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ def read_test(
     poisson_ratio: float | None = None,
     name: str | None = None,
     crop: float | None = None,
+    mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     **options: Any,
 ) -> BulgeTest:
     """Read and check a bulge test.
@@ -48,6 +50,9 @@ def read_test(
         By default the file's name without its suffix.
     crop : float, mm, optional
         Points farther than this from the centre are left out before the test is checked.
+    mends : sequence of callables, optional
+        Each takes the test and gives back a better one (`bulgefit.dic.mend`), one after the
+        other, before the test is cropped and checked.
     **options
         Of the format: `columns` (dict of x, y, z, dx, dy, dz to column names) for csv.
 
@@ -65,7 +70,8 @@ def read_test(
     except MemoryError:
         raise InputError(f"{path}: does not fit into memory, or is damaged") from None
     pressure = per_frame(recording.pressure, "pressure", str(path))
-    check_pressure_unit(pressure, recording.pressure_unit, str(path))
+    if not mends:  # the unit itself may be what is mended; the test is checked afterwards
+        check_pressure_unit(pressure, recording.pressure_unit, str(path))
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
         "radius": _given(radius, recording.radius, "radius", path),
@@ -75,6 +81,7 @@ def read_test(
         "source": str(path),
         "checksum": recording.checksum,
         "crop": crop,
+        "mends": mends,
     }
     if recording.frames is not None:
         return BulgeTest.from_frames(recording.frames, pressure, **common)

@@ -161,8 +161,8 @@ def choose_reader(path: Path, format: str | None, options: dict[str, Any]) -> Re
 
 
 def one_line(error: Exception) -> str:
-    """The message of another library's error, without line breaks."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """The message of another library's error, without line breaks; it may quote the file."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def unreadable(path: Path, error: OSError) -> InputError:
