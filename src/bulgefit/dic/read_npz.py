@@ -15,7 +15,7 @@ from bulgefit.errors import InputError
 __all__ = ["read_npz"]
 
 
-@reader("npz", [".npz"])
+@reader("npz", [".npz"], example="arrays reference, displacement, pressure, radius, thickness")
 def read_npz(path: Path) -> Recording:
     """Read the arrays of an npz; the keys are those of `keyed_arrays`."""
     try:

@@ -29,7 +29,7 @@ from bulgefit.dic.formats.source import Place, source_of
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
-__all__ = ["READERS", "Recording", "read_test", "reader"]
+__all__ = ["READERS", "Recording", "load_plugins", "read_test", "reader"]
 
 _BUILT_IN = (
     *(csv_folder, read_hdf5, read_npz, read_study),

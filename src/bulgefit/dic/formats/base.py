@@ -133,12 +133,13 @@ def _read(
     pressure = pressures_of(
         frames,
         [head for head in source.heads if head not in own],
+        [head for head in source.beside if not format.recognises(head)],
         where,
         **{_FOR_PRESSURE[key]: value for key, value in options.items()},
     )
     frames, turned = upright(frames, format.y_down)
     kind, notes = _kind_of_positions(format, frames, positions, where)
-    placed, by = joined(frames, kind)
+    placed, by, count = joined(frames, kind)
     used = [*(head.path for head in own), *pressure.used]
     if specimen:
         used.append(source.path / SPECIMEN)
@@ -156,7 +157,7 @@ def _read(
             f"{format.name}: {_counted(len(frames), 'frame')} of {format.system}, {kind} positions",
             *notes,
             *(["y and z change sign: the file's y runs down the image"] if turned else []),
-            _said_of_points(frames, by, format.lost),
+            _said_of_points(frames, by, count, format.lost),
             pressure.note,
         ),
     )
@@ -187,12 +188,14 @@ def _kind_of_positions(
     return kind, [f"{told}, as was asked for"]
 
 
-def _said_of_points(frames: list[Frame], by: str, mark: str) -> str:
+def _said_of_points(frames: list[Frame], by: str, count: int, mark: str) -> str:
     counts = [len(frame.position) for frame in frames]
     least, most = min(counts), max(counts)
     measured = f"{least}" if least == most else f"{least} to {most}"
     lost = sum(frame.lost for frame in frames)
-    how = f"joined by {by}" if by != "nothing" else "each frame with points of its own"
+    how = "each frame with points of its own"
+    if by != "nothing":
+        how = f"joined by {by}" + (f" into {count}" if count > most else "")
     marked = f"; {lost} marked as lost ({mark}) left out" if lost else ""
     return f"{measured} points a frame, {how}{marked}"
 

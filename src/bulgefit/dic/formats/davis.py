@@ -20,7 +20,7 @@ from bulgefit.errors import InputError
 __all__ = ["LAYOUTS"]
 
 LAYOUTS = tuple(
-    Layout(position=(f"{x}", f"{y}", f"{z}"), displacement=(dx, dy, dz))
+    Layout(position=(x, y, z), displacement=(dx, dy, dz))
     for x, y, z in (("x", "y", "z"), ("X", "Y", "Z"))
     for dx, dy, dz in (
         ("X-displacement", "Y-displacement", "Z-displacement"),

@@ -14,7 +14,7 @@ __all__ = ["joined"]
 Floats = NDArray[np.floating]
 
 
-def joined(frames: list[Frame], positions: str) -> tuple[list[tuple[Floats, Floats]], str]:
+def joined(frames: list[Frame], positions: str) -> tuple[list[tuple[Floats, Floats]], str, int]:
     """The (reference, displacement) of each frame, a point at the same place in all of them.
 
     A point's place is that of the first frame that has it: estimates of later frames differ by
@@ -32,6 +32,8 @@ def joined(frames: list[Frame], positions: str) -> tuple[list[tuple[Floats, Floa
     str
         By what the points were joined: "id", "position", or "nothing" where frames have points of
         their own.
+    int
+        How many distinct points there are.
     """
     reference = [
         frame.position - frame.displacement if positions == CURRENT else frame.position
@@ -39,12 +41,16 @@ def joined(frames: list[Frame], positions: str) -> tuple[list[tuple[Floats, Floa
     ]
     ids = _usable_ids(frames)
     if ids is not None:
-        return _by_number(frames, reference, ids), "id"
+        return _by_number(frames, reference, ids), "id", _count(ids)
     numbers = _numbers_by_position(reference)
     if numbers is None:
         displacement = [frame.displacement for frame in frames]
-        return list(zip(reference, displacement, strict=True)), "nothing"
-    return _by_number(frames, reference, numbers), "position"
+        return list(zip(reference, displacement, strict=True)), "nothing", sum(map(len, reference))
+    return _by_number(frames, reference, numbers), "position", _count(numbers)
+
+
+def _count(numbers: list[NDArray[np.intp]]) -> int:
+    return max((int(number.max()) + 1 for number in numbers if len(number)), default=0)
 
 
 def _usable_ids(frames: list[Frame]) -> list[NDArray[np.intp]] | None:
@@ -82,8 +88,7 @@ def _numbers_by_position(reference: list[Floats]) -> list[NDArray[np.intp]] | No
 def _by_number(
     frames: list[Frame], reference: list[Floats], numbers: list[NDArray[np.intp]]
 ) -> list[tuple[Floats, Floats]]:
-    count = max((int(number.max()) + 1 for number in numbers if len(number)), default=0)
-    place = np.full((count, 3), np.nan)
+    place = np.full((_count(numbers), 3), np.nan)
     for points, number in zip(reference, numbers, strict=True):
         new = np.isnan(place[number, 0])
         place[number[new]] = points[new]

@@ -23,6 +23,8 @@ Floats = NDArray[np.floating]
 
 #: What `pressure` is where the names of the frames tell it.
 BY_NAMES = "names"
+# Columns that a message lists.
+_SHOWN = 12
 _WORD = re.compile(r"press|druck|presi|\bp\b", re.IGNORECASE)
 _STRESS = re.compile(r"stress|spannung|sigma|modul|tresca|mises|\bs\d", re.IGNORECASE)
 _IN_A_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)[ _]?(mbar|bar|MPa|kPa|Pa)(?![A-Za-z])")
@@ -60,6 +62,7 @@ def is_of_pressure(name: str, unit: str | None) -> bool:
 def pressures_of(
     frames: Sequence[Frame],
     others: Sequence[Head],
+    beside: Sequence[Head],
     where: str,
     *,
     pressure: str | None = None,
@@ -72,7 +75,9 @@ def pressures_of(
     ----------
     frames : sequence of Frame
     others : sequence of Head
-        Files beside the frames, of which one may be a log.
+        What was given beside the frames, of which one may be a log.
+    beside : sequence of Head
+        Further files of the folder; a log of theirs counts if it has all the frames.
     where : str
         What is read, for messages.
     pressure : str, optional
@@ -97,14 +102,9 @@ def pressures_of(
             raise InputError(f"{path}: no such file; --pressure is a table, or `{BY_NAMES}`")
         signals, how = read_log(path, names, in_order=True)
         return _from_log(path, how, signals, frames, column, unit)
-    for log in (head.path for head in others if is_log(head)):
-        try:
-            signals, how = read_log(log, names)
-        except LogError:
-            if sum(is_log(head) for head in others) == 1:
-                raise
-            continue
-        return _from_log(log, how, signals, frames, column, unit)
+    log = _log_of(names, others, beside, where)
+    if log is not None:
+        return _from_log(*log, frames, column, unit)
     recorded = _recorded(frames)
     if _candidates(recorded, column):
         signal = _chosen(recorded, column, where)
@@ -118,6 +118,33 @@ def pressures_of(
         f"({_listed(recorded)}) or in their names; give a table with --pressure FILE, or "
         "its column with --pressure-column"
     )
+
+
+def _log_of(
+    names: list[str], others: Sequence[Head], beside: Sequence[Head], where: str
+) -> tuple[Path, str, list[Signal]] | None:
+    """The one log beside the frames, how its rows were found, and what it recorded.
+
+    Raises
+    ------
+    InputError
+        There are several, or none of them has the frames.
+    """
+    found, refused = [], []
+    for head in (*others, *beside):
+        if is_log(head):
+            try:
+                signals, how = read_log(head.path, names)
+                found.append((head.path, how, signals))
+            except LogError as error:
+                if head in others:
+                    refused.append(error)
+    if len(found) > 1:
+        files = ", ".join(path.name for path, _, _ in found)
+        raise InputError(f"{where}: has several logs, {files}; name one with --pressure FILE")
+    if refused and not found:
+        raise refused[0]
+    return found[0] if found else None
 
 
 def _from_log(
@@ -186,13 +213,14 @@ def _chosen(signals: Sequence[Signal], name: str | None, where: str) -> Signal:
 def _in_mpa(signal: Signal, unit: str | None, where: str) -> tuple[Floats, str]:
     """Values in MPa, and the unit of the file."""
     stated = signal.unit or None
-    worth = f"--pressure-unit, such as bar, or 2.5bar/{stated or 'V'} for what one is worth"
+    worth = f"what one {stated} is worth, such as --pressure-unit 2.5bar/{stated}"
     if unit is None:
         if stated in PRESSURE:
             return signal.values * PRESSURE[str(stated)], str(stated)
         if stated is None:
             raise InputError(
-                f"{where}: the unit of {signal.name!r} is not stated; give it with {worth}"
+                f"{where}: the unit of {signal.name!r} is not stated; give it, such as "
+                "--pressure-unit bar (or 2.5bar/V, for what a volt is worth)"
             )
         raise InputError(
             f"{where}: {signal.name!r} is in {stated}, which is no pressure; give {worth}"
@@ -276,4 +304,6 @@ def _time(signals: Sequence[Signal]) -> Floats | None:
 
 
 def _listed(signals: Sequence[Signal]) -> str:
-    return ", ".join(repr(signal.name) for signal in signals) or "nothing was recorded"
+    names = [repr(signal.name) for signal in signals]
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more or "nothing was recorded"

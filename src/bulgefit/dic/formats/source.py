@@ -19,6 +19,8 @@ Place = str | os.PathLike[str]
 
 # Bytes from which a format is seen; the longest preambles that DIC systems write are half of it.
 _HEAD = 1 << 14
+# Endings of files that may be a log.
+_TEXTS = (".csv", ".txt", ".log", ".dat", ".tsv")
 # Endings that an image or an export adds to the name of a frame, one after the other.
 _ENDINGS = re.compile(
     r"\.(csv|txt|dat|out|mat|hdf5|h5|vc7|tiff?|bmp|png|jpe?g|raw|im7|cihx?)$", re.IGNORECASE
@@ -49,15 +51,31 @@ class Source:
         What messages speak of, and what a reader of single files takes.
     files : tuple of Path
         The files that may belong to it, numbers in their names in numerical order.
+    picked : bool
+        Whether these are some files of a folder, picked by a list or a pattern.
     """
 
     path: Path
     files: tuple[Path, ...]
+    picked: bool = False
 
     @property
     def is_one_path(self) -> bool:
         """Whether this is a file or a folder, rather than a choice of files."""
-        return self.path.is_dir() or self.files == (self.path,)
+        return not self.picked
+
+    @cached_property
+    def beside(self) -> tuple[Head, ...]:
+        """The beginnings of text files in the folder of the files that were picked from it."""
+        folder = self.path if self.picked else self.path.parent
+        if self.path.is_dir() and not self.picked:
+            return ()
+        others = [
+            file
+            for file in sorted(folder.iterdir())
+            if file.suffix.lower() in _TEXTS and file.is_file() and file not in self.files
+        ]
+        return tuple(head for head in map(_readable_head, others) if head is not None)
 
     @cached_property
     def heads(self) -> tuple[Head, ...]:
@@ -85,7 +103,9 @@ def source_of(place: Place | Sequence[Place]) -> Source:
             raise InputError("no files: give a file, a folder or a list of files")
         for file in files:
             _need_file(file)
-        return Source(files[0].parent if len(files) > 1 else files[0], tuple(files))
+        if len(files) == 1:
+            return Source(files[0], tuple(files))
+        return Source(files[0].parent, tuple(files), picked=True)
     path = Path(place)
     if not os.path.lexists(path):
         matching = sorted(map(Path, glob.glob(str(path))), key=lambda file: natural(file.name))
@@ -103,10 +123,14 @@ def source_of(place: Place | Sequence[Place]) -> Source:
     return Source(path, (path,))
 
 
-def natural(name: str) -> tuple[tuple[int, int | str], ...]:
-    """A key that sorts step_2 before step_10."""
-    parts = re.split(r"(\d+)", name)
-    return tuple((0, int(part)) if part.isdigit() else (1, part) for part in parts)
+def natural(name: str) -> tuple[tuple[float, str], ...]:
+    """A key that sorts step_2 before step_10, and 0.5bar after 0bar."""
+    parts = re.split(r"(\d+(?:[.,]\d+)?)", name)
+    # every second part is a number
+    return tuple(
+        (float(part.replace(",", ".")), "") if i % 2 else (0.0, part)
+        for i, part in enumerate(parts)
+    )
 
 
 def frame_name(name: str) -> str:

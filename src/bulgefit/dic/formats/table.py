@@ -230,7 +230,10 @@ def _first_line(path: Path, lines: Sequence[str]) -> Header:
 def _cells(line: str, separator: str) -> list[str]:
     """The cells of a header; names with one blank in them are kept apart by two or more."""
     if separator == BLANKS:
-        return re.split(r"\s{2,}", line.strip()) if "  " in line.strip() else line.split()
+        if '"' in line:  # names that blanks keep apart have none in them, and need no quotes
+            return []
+        # a unit belongs to the name before it
+        return re.split(r"\s{2,}" if "  " in line.strip() else r"\s+(?!\[)", line.strip())
     if separator not in line:
         return []
     try:
