@@ -33,7 +33,7 @@ def _layout(ask: Ask) -> Layout:
 def _read(path: Path, ask: Ask) -> list[Frame]:
     layout = _layout(ask)
     head = head_of(path)
-    if find_header(head.lines, layout.fits) is None:
+    if find_header(head.headers, layout.fits) is None:
         wanted = ", ".join((*layout.position, *(layout.displacement or ())))
         raise InputError(
             f"{path}: has no line with the columns {wanted}; say what they are called with "

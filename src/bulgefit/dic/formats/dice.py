@@ -30,11 +30,11 @@ def _is_dice(head: Head) -> bool:
     def is_of_dice(columns: Sequence[Column]) -> bool:
         return any(column.quantity == "COORDINATE_X" for column in columns)
 
-    return find_header(head.lines, is_of_dice) is not None
+    return find_header(head.headers, is_of_dice) is not None
 
 
 def _read(path: Path, ask: Ask) -> list[Frame]:
-    if find_header(head_of(path).lines, STEREO.fits) is None:
+    if find_header(head_of(path).headers, STEREO.fits) is None:
         raise InputError(
             f"{path}: has no MODEL_COORDINATES and MODEL_DISPLACEMENT, so it is a solution in the "
             "plane of the image, in pixels; a bulge needs a stereo solution with both among its "

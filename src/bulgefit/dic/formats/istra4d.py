@@ -28,7 +28,9 @@ def _recognises(head: Head) -> bool:
         return False
     try:
         with h5py.File(head.path, "r") as file:
-            return all(name in file for name in _GROUPS)
+            # a link into another file is not looked behind
+            links = [file.get(name, getlink=True) for name in _GROUPS]
+            return all(isinstance(link, h5py.HardLink) for link in links)
     except (OSError, RuntimeError, ValueError):
         return False
 

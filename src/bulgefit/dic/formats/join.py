@@ -58,11 +58,15 @@ def _usable_ids(frames: list[Frame]) -> list[NDArray[np.intp]] | None:
     if any(frame.ids is None for frame in frames):
         return None
     ids = [frame.ids for frame in frames if frame.ids is not None]
-    if any(len(np.unique(rows, axis=0)) < len(rows) for rows in ids):
+    # one number for each row of ids: comparing rows is many times slower
+    keys = np.zeros(sum(map(len, ids)), dtype=np.int64)
+    for column in np.concatenate(ids).T:
+        _, rank = np.unique(column, return_inverse=True)
+        keys = np.unique(keys * (rank.max(initial=0) + 1) + rank, return_inverse=True)[1]
+    numbers = np.split(keys, np.cumsum([len(rows) for rows in ids])[:-1])
+    if any(len(np.unique(number)) < len(number) for number in numbers):
         return None
-    _, number = np.unique(np.concatenate(ids), axis=0, return_inverse=True)
-    ends = np.cumsum([len(rows) for rows in ids])
-    return np.split(number.reshape(-1), ends[:-1])
+    return numbers
 
 
 def _numbers_by_position(reference: list[Floats]) -> list[NDArray[np.intp]] | None:

@@ -29,7 +29,7 @@ class LogError(InputError):
 
 def is_log(head: Head) -> bool:
     """Whether a file begins like a table of loads: with a column that names or numbers images."""
-    return find_header(head.lines, _tells_frames) is not None
+    return find_header(head.headers, _tells_frames) is not None
 
 
 def read_log(

@@ -85,8 +85,15 @@ def cells_of(path: Path, variable: str, *keys: str) -> list[Floats] | None:
         if not isinstance(member, h5py.Dataset) or member.dtype != h5py.ref_dtype:
             raise InputError(f"{path}: {variable}.{'.'.join(keys)} is not a cell array")
         name = f"{variable}.{'.'.join(keys)}"
-        cells = [numbers(file[ref], name, path) for ref in member[()].ravel(order="F") if ref]
-        return [cell.astype(np.float64).T for cell in cells]
+        cells: list[Floats] = []
+        size = 0
+        for ref in member[()].ravel(order="F"):
+            cell = numbers(file[ref], name, path)
+            size += cell.nbytes  # many cells may be the same data set
+            if size > largest_size(path):
+                raise InputError(f"{path}: {name} is larger than its file can hold; it is damaged")
+            cells.append(cell.astype(np.float64).T)
+        return cells
 
 
 def _loaded_cells(path: Path, variable: str, *keys: str) -> list[Floats] | None:

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bulgefit.dic.formats.encoding import decode
+from bulgefit.dic.formats.table import Header, headers_of
 from bulgefit.errors import InputError
 
 __all__ = ["Head", "Place", "Source", "frame_name", "head_of", "natural", "source_of"]
@@ -39,6 +40,11 @@ class Head:
         """The lines of its text; none where it holds no text."""
         text = decode(self.data, cut=True)
         return () if "\0" in text else tuple(text.splitlines())
+
+    @cached_property
+    def headers(self) -> tuple[Header, ...]:
+        """The lines of its text that may name columns."""
+        return tuple(headers_of(self.lines))
 
 
 @dataclass(frozen=True)

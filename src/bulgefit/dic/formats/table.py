@@ -6,7 +6,7 @@ import csv
 import io
 import re
 import reprlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +18,13 @@ from bulgefit.dic.formats.encoding import text_of
 from bulgefit.dic.formats.names import Column, column
 from bulgefit.errors import InputError
 
-__all__ = ["BLANKS", "Header", "Table", "find_header", "read_table"]
+__all__ = ["BLANKS", "Header", "Table", "find_header", "headers_of", "read_table"]
 
 #: The separator of tables whose cells are kept apart by blanks.
 BLANKS = " "
 _SEPARATORS = (",", ";", "\t")
 _LOST = ("", "nan", "na", "n/a", "-", "nan(ind)", "-nan(ind)", "-1.#ind", "1.#qnan", "-1.#qnan")
+_NUMBER = re.compile(r"\s*[-+]?[.,]?\d+([.,]\d*)?([eE][-+]?\d+)?\s*([,;\t ]|$)")
 # Lines before the header; DIC systems write some tens of them.
 _LONGEST_PREAMBLE = 500
 
@@ -102,6 +103,10 @@ class Table:
 
     def need_named_cells(self) -> None:
         """Refuse rows with more cells than the header: they would shift what the columns hold."""
+        countable = '"' not in self.body and self.separator != BLANKS
+        most = len(self.columns) - 1
+        if countable and all(row.count(self.separator) <= most for row in self.body.split("\n")):
+            return  # without quotes the separators count the cells
         for line, row in self._rows():
             if any(map(str.strip, row[len(self.columns) :])):
                 raise InputError(
@@ -178,7 +183,7 @@ def read_table(path: Path, wanted: Wanted | None = None) -> Table:
         blank. Lines that begin with # are comments where this is given.
     """
     lines = text_of(path).split("\n")
-    header = _first_line(path, lines) if wanted is None else find_header(lines, wanted)
+    header = _first_line(path, lines) if wanted is None else find_header(headers_of(lines), wanted)
     if header is None:
         raise InputError(f"{path}: has no line with the names of the columns; export it anew")
     body = lines[header.line + 1 :]
@@ -197,22 +202,26 @@ def read_table(path: Path, wanted: Wanted | None = None) -> Table:
     return table
 
 
-def find_header(lines: Sequence[str], wanted: Wanted) -> Header | None:
-    """The first line whose cells, by some separator, are the wanted columns.
+def headers_of(lines: Sequence[str]) -> Iterator[Header]:
+    """Every line that may name columns, by every separator by which it has several cells."""
+    for i, line in enumerate(lines[:_LONGEST_PREAMBLE]):
+        if _NUMBER.match(line):  # a row of numbers; to tell that early is what makes this fast
+            continue
+        for separator in (*_SEPARATORS, BLANKS):
+            if len(cells := _cells(line.lstrip("# "), separator)) > 1:
+                yield Header(i, separator, tuple(map(column, cells)))
+
+
+def find_header(headers: Iterable[Header], wanted: Wanted) -> Header | None:
+    """The first of the lines that name columns whose columns are the wanted ones.
 
     Parameters
     ----------
-    lines : sequence of str
+    headers : iterable of Header
     wanted : callable
         Whether a sequence of Column is that of the header.
     """
-    for i, line in enumerate(lines[:_LONGEST_PREAMBLE]):
-        for separator in (*_SEPARATORS, BLANKS):
-            if len(cells := _cells(line.lstrip("# "), separator)) > 1:
-                columns = tuple(column(cell) for cell in cells)
-                if wanted(columns):
-                    return Header(i, separator, columns)
-    return None
+    return next((header for header in headers if wanted(header.columns)), None)
 
 
 def _first_line(path: Path, lines: Sequence[str]) -> Header:

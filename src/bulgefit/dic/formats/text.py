@@ -78,7 +78,9 @@ def recognises_text(*layouts: Layout) -> Callable[[Head], bool]:
     """A function that says whether a file begins with columns of one of the layouts."""
 
     def recognises(head: Head) -> bool:
-        return find_header(head.lines, lambda c: fitting_layout(layouts, c) is not None) is not None
+        return (
+            find_header(head.headers, lambda c: fitting_layout(layouts, c) is not None) is not None
+        )
 
     return recognises
 
@@ -94,16 +96,17 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
     table = read_table(path, lambda columns: fitting_layout(layouts, columns) is not None)
     layout = fitting_layout(layouts, table.columns)
     assert layout is not None
-    position = _lengths(table, layout.position, ask)
+    values = _values(table, layout)
+    position = _lengths(table, values, layout.position, ask)
     if layout.displacement is not None:
-        displacement = _lengths(table, layout.displacement, ask)
+        displacement = _lengths(table, values, layout.displacement, ask)
     else:
         assert layout.deformed is not None
-        displacement = _lengths(table, layout.deformed, ask) - position
+        displacement = _lengths(table, values, layout.deformed, ask) - position
     lost = np.zeros(len(position), dtype=bool)
     for name, value in layout.marks:
-        if found := _find(table, name):
-            lost |= table.numbers([found.name])[:, 0] == value
+        if name in values:
+            lost |= values[name] == value
     if layout.zeros:
         lost |= ~np.hstack([position, displacement]).any(axis=1)
     frame = Frame(
@@ -111,42 +114,51 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
         name=frame_name(path.name),
         position=position,
         displacement=displacement,
-        ids=_ids(table, layout.ids),
-        pixels=_row(table, layout.row),
+        ids=_ids(values, layout.ids),
+        pixels=None if layout.row is None else values.get(layout.row),
         signals=_signals(table, ask.signal),
     )
     return measured_rows(frame, lost), table
+
+
+def _values(table: Table, layout: Layout) -> dict[str, Floats]:
+    """The columns of numbers that a layout asks for, read at once, by quantity."""
+    wanted = [
+        *layout.position,
+        *(layout.displacement or ()),
+        *(layout.deformed or ()),
+        *layout.ids,
+        *(name for name, _ in layout.marks),
+        *((layout.row,) if layout.row else ()),
+    ]
+    found = {name: _find(table, name) for name in dict.fromkeys(wanted)}
+    columns = {name: column for name, column in found.items() if column is not None}
+    numbers = table.numbers([column.name for column in columns.values()])
+    return dict(zip(columns, numbers.T, strict=True))
 
 
 def _find(table: Table, quantity: str) -> Column | None:
     return next((column for column in table.columns if column.quantity == quantity), None)
 
 
-def _lengths(table: Table, quantities: Three, ask: Ask) -> Floats:
-    found = [_find(table, quantity) for quantity in quantities]
-    columns = [column for column in found if column is not None]
-    values = table.numbers([column.name for column in columns])
-    for i, column in enumerate(columns):
-        if column.unit is None:
-            values[:, i] *= ask.length
-        else:
-            values[:, i] *= factor(column.unit, LENGTH, f"{table.path}: {column.name!r}")
-    return values
+def _lengths(table: Table, values: dict[str, Floats], quantities: Three, ask: Ask) -> Floats:
+    scaled = []
+    for quantity in quantities:
+        column = _find(table, quantity)
+        assert column is not None
+        where = f"{table.path}: {column.name!r}"
+        scale = ask.length if column.unit is None else factor(column.unit, LENGTH, where)
+        scaled.append(values[quantity] * scale)
+    return np.column_stack(scaled)
 
 
-def _ids(table: Table, quantities: Sequence[str]) -> NDArray[np.int64] | None:
-    columns = [column for name in quantities if (column := _find(table, name)) is not None]
-    if not quantities or len(columns) < len(quantities):
+def _ids(values: dict[str, Floats], quantities: Sequence[str]) -> NDArray[np.int64] | None:
+    if not quantities or not values.keys() >= {*quantities}:
         return None
-    values = table.numbers([column.name for column in columns])
-    if not (np.abs(values) < 2**53).all() or (values != np.rint(values)).any():
+    numbers = np.column_stack([values[name] for name in quantities])
+    if not (np.abs(numbers) < 2**53).all() or (numbers != np.rint(numbers)).any():
         return None
-    return values.astype(np.int64)
-
-
-def _row(table: Table, quantity: str | None) -> Floats | None:
-    column = None if quantity is None else _find(table, quantity)
-    return None if column is None else table.numbers([column.name])[:, 0]
+    return numbers.astype(np.int64)
 
 
 def _signals(table: Table, wanted: str | None) -> dict[str, Signal]:
