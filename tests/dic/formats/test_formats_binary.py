@@ -10,6 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from bulgefit.dic import read_test
+from bulgefit.dic.formats import davis_vc7
 from bulgefit.errors import InputError
 
 SPECIMEN = {"radius": 100.0, "thickness": 1.0}
@@ -266,12 +267,38 @@ def test_davis_vc7(truth, tmp_path, log, holds):
     np.testing.assert_allclose(block.displacement, expected, atol=3e-6, rtol=0)
 
 
-def test_vc7_that_is_none_or_without_its_reader(tmp_path, monkeypatch):
+def test_vc7_that_is_none_or_holds_no_height(tmp_path):
+    lvpyio = pytest.importorskip("lvpyio")
     path = tmp_path / "run_1bar.vc7"
     path.write_bytes(b"no such file")
-    pytest.importorskip("lvpyio")
-    with pytest.raises(InputError, match=r"not a .vc7 file, or damaged"):
+    with pytest.raises(InputError, match=r"run_1bar.vc7: "):
         read_test(path, **SPECIMEN)
-    monkeypatch.setitem(__import__("sys").modules, "lvpyio", None)
-    with pytest.raises(InputError, match=r"install bulgefit\[davis\], or export CSV from DaVis"):
+    lvpyio.write_buffer(lvpyio.arrays_to_buffer([np.zeros((3, 4), lvpyio.vec3c)]), str(path))
+    with pytest.raises(InputError, match=r"holds no displacement in space with its height"):
         read_test(path, **SPECIMEN)
+
+
+@pytest.mark.parametrize(
+    ("program", "match"),
+    [
+        ("import os; os.abort()", "not a .vc7 file, or damaged"),
+        ("while True: pass", "not a .vc7 file, or damaged"),
+        ("print('PK is no archive')", "not a .vc7 file, or damaged"),
+        ("print('!lvpyio', end='')", r"install bulgefit\[davis\], or export CSV from DaVis"),
+    ],
+)
+def test_what_ends_the_reader_of_vc7_does_not_end_bulgefit(tmp_path, monkeypatch, program, match):
+    (tmp_path / "worker.py").write_text(program)
+    (tmp_path / "run_1bar.vc7").touch()
+    monkeypatch.setattr(davis_vc7.vc7_worker, "__file__", str(tmp_path / "worker.py"))
+    monkeypatch.setattr(davis_vc7, "_PATIENCE", 0.5)
+    with pytest.raises(InputError, match=match):
+        read_test(tmp_path / "run_1bar.vc7", **SPECIMEN)
+
+
+def test_the_reader_of_vc7_without_its_package(tmp_path, monkeypatch):
+    (tmp_path / "lvpyio.py").write_text("raise ImportError('not here')")
+    (tmp_path / "run_1bar.vc7").touch()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(InputError, match=r"install bulgefit\[davis\]"):
+        read_test(tmp_path / "run_1bar.vc7", **SPECIMEN)

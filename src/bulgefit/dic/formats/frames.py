@@ -9,10 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.errors import InputError
+
 __all__ = ["Frame", "Signal", "measured_rows", "upright"]
 
 Floats = NDArray[np.floating]
 
+# Farther than this, mm, is no position and no displacement in a bulge test.
+_FARTHEST = 1e6
 # |cos| of the angle between rows of pixels and y, from which y is nearer to them than to columns.
 _ALONG = np.sqrt(0.5)
 
@@ -74,9 +78,23 @@ class Frame:
 
 
 def measured_rows(frame: Frame, lost: NDArray[np.bool_]) -> Frame:
-    """The frame without the points that are lost, or that have no position or displacement."""
+    """The frame without the points that are lost, or that have no position or displacement.
+
+    Raises
+    ------
+    InputError
+        What is left holds a number that is no length in a bulge test.
+    """
     known = np.isfinite(frame.position).all(axis=1) & np.isfinite(frame.displacement).all(axis=1)
     kept = known & ~lost
+    for values, what in ((frame.position, "position"), (frame.displacement, "displacement")):
+        far = (np.abs(values[kept]) > _FARTHEST).any(axis=1)
+        if far.any():
+            at = int(np.flatnonzero(kept)[np.argmax(far)])
+            raise InputError(
+                f"{frame.path}: {what} {values[at].tolist()} of point {at} is none in mm; leave "
+                "lost points out, or give --length-unit"
+            )
     return replace(
         frame,
         position=frame.position[kept],
