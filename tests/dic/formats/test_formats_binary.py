@@ -7,10 +7,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
+from scipy.sparse import csc_array
 
 from bulgefit.dic import read_test
 from bulgefit.dic.formats import davis_vc7
+from bulgefit.dic.formats.matlab5 import names_of, values_of
 from bulgefit.errors import InputError
 
 SPECIMEN = {"radius": 100.0, "thickness": 1.0}
@@ -154,7 +156,7 @@ def test_matlab_files_that_are_not_read(truth, tmp_path):
     path = tmp_path / "run_1bar.mat"
     arrays = vic_arrays(truth, 0)
     savemat(path, {**arrays, "W": "text"})
-    with pytest.raises(InputError, match="W holds <U4, not real numbers"):
+    with pytest.raises(InputError, match="W is not an array of real numbers"):
         read_test(path, **SPECIMEN)
     savemat(path, {**arrays, "W": arrays["W"][:5]})
     with pytest.raises(InputError, match="its matrices differ in shape"):
@@ -179,6 +181,37 @@ def test_a_matlab_file_that_would_fill_the_memory(truth, tmp_path):
     savemat(path, {**vic_arrays(truth, 0), "W": np.zeros(shape)}, do_compression=True)
     with pytest.raises(InputError, match="is larger than its file can hold"):
         read_test(path, **SPECIMEN)
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_matlab_values_are_those_that_scipy_reads(tmp_path, compressed):
+    """Of all kinds of numbers, cells and structs; text and sparse matrices are passed over."""
+    rng = np.random.default_rng(3)
+    kinds = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8", "?")
+    written = {f"k{i}": rng.uniform(0, 99, (9, 9, 4)).astype(k) for i, k in enumerate(kinds)}
+    cells = np.empty((2, 3), dtype=object)
+    for i, at in enumerate(np.ndindex(2, 3)):
+        cells[at] = rng.normal(size=(i, 3)) if i else {"deep": np.arange(2.0)}
+    written |= {"none": np.empty((0, 3)), "cells": cells, "sparse": csc_array(np.eye(3))}
+    written |= {"struct": {"a": 1.5, "b": {"c": np.arange(4)}}, "text": "a name"}
+    path = tmp_path / "t.mat"
+    savemat(path, written, do_compression=compressed)
+    with path.open("rb") as file:
+        found = values_of(file, [*written, "missing"], 1 << 20)
+        assert sorted(names_of(file)) == sorted(written)
+    expected = loadmat(path)
+    for key in (*(f"k{i}" for i in range(len(kinds))), "none"):
+        np.testing.assert_array_equal(found[key], expected[key])
+    assert found["text"] is None
+    assert found["sparse"] is None
+    np.testing.assert_array_equal(found["struct"]["b"]["c"], [[0, 1, 2, 3]])
+    # cells are counted down the columns
+    np.testing.assert_array_equal(found["cells"][0]["deep"], [[0, 1]])
+    for i, cell in enumerate(expected["cells"].ravel(order="F")[1:], 1):
+        np.testing.assert_array_equal(found["cells"][i], cell)
+    if compressed:
+        with path.open("rb") as file, pytest.raises(ValueError, match="larger than its file"):
+            values_of(file, ["k7"], 1100)
 
 
 # ---- MATLAB: DuoDIC and MultiDIC ----

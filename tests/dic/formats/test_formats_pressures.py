@@ -145,6 +145,14 @@ def test_two_logs(frames):
         read_test(folder, **SPECIMEN)
 
 
+def test_notes_beside_the_frames_are_no_log(truth, frames, holds):
+    folder = frames([f"a_{p * 10:g}bar" for p in truth.pressure])
+    notes = "Exported by hand, one file a stage, index from 0.\nCloth 7, warp along x.\n"
+    (folder / "notes.txt").write_text(notes)
+    (folder / "index.txt").write_text("files, in order\n\nsee above, below\n")
+    holds(read_test(folder, **SPECIMEN))
+
+
 # ---- units ----
 
 

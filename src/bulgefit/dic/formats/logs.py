@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.formats.frames import Signal
 from bulgefit.dic.formats.names import Column
 from bulgefit.dic.formats.source import Head, frame_name, head_of
-from bulgefit.dic.formats.table import Table, find_header, read_table
+from bulgefit.dic.formats.table import BLANKS, Table, find_header, read_table
 from bulgefit.errors import InputError
 
 __all__ = ["LogError", "is_log", "read_log"]
@@ -20,6 +20,9 @@ __all__ = ["LogError", "is_log", "read_log"]
 Floats = NDArray[np.floating]
 
 _FILE = re.compile(r"\b(file ?names?|files?|images?|bild|dateiname|datei)(_|\b)", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?\d*[.,]?\d+([eE][-+]?\d+)?")
+# Rows below the names of the columns: the first may be of units.
+_LOOKED_AT = 3
 _INDEX = re.compile(r"\b(index|nummer|number|stage|stufe)\b", re.IGNORECASE)
 
 
@@ -28,8 +31,20 @@ class LogError(InputError):
 
 
 def is_log(head: Head) -> bool:
-    """Whether a file begins like a table of loads: with a column that names or numbers images."""
-    return find_header(head.headers, _tells_frames) is not None
+    """Whether a file begins like a table of loads: with a column that names or numbers images.
+
+    Below it stand cells with numbers, which notes that speak of files and images have not.
+    """
+    header = find_header(head.headers, _tells_frames)
+    if header is None:
+        return False
+    below = [line for line in head.lines[header.line + 1 :] if line.strip()]
+    return any(_has_number(line, header.separator) for line in below[:_LOOKED_AT])
+
+
+def _has_number(line: str, separator: str) -> bool:
+    cells = line.split(None if separator == BLANKS else separator)
+    return len(cells) > 1 and any(_NUMBER.fullmatch(cell.strip(' "')) for cell in cells)
 
 
 def read_log(

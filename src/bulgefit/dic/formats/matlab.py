@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.formats.hdf5 import child, largest_size, numbers
+from bulgefit.dic.formats.matlab5 import names_of, values_of
 from bulgefit.dic.formats.source import Head
 from bulgefit.dic.registry import one_line
 from bulgefit.errors import InputError
@@ -34,9 +35,8 @@ def variables_of(path: Path) -> set[str]:
 
             with h5py.File(path, "r") as file:
                 return {str(name) for name in file}
-        from scipy.io import whosmat
-
-        return {name for name, _, _ in whosmat(path)}
+        with path.open("rb") as opened:
+            return set(names_of(opened))
     except Exception:  # a damaged file can raise nearly anything
         return set()
 
@@ -103,8 +103,9 @@ def _loaded_cells(path: Path, variable: str, *keys: str) -> list[Floats] | None:
             return None
         member = member[key]
     name = f"{variable}.{'.'.join(keys)}"
-    cells = list(member) if isinstance(member, (list, np.ndarray)) else [member]
-    return [_real(cell, name, path) for cell in cells]
+    if not isinstance(member, list):
+        raise InputError(f"{path}: {name} is not a cell array")
+    return [_real(cell, name, path) for cell in member]
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -124,26 +125,17 @@ def _open(path: Path) -> Any:
 
 
 def _load(path: Path, names: list[str]) -> dict[str, Any]:
-    from scipy.io import loadmat, whosmat
-
     try:
-        size = sum(8 * int(np.prod(shape, dtype=float)) for name, shape, _ in whosmat(path))
-        if size > largest_size(path):
-            raise InputError(f"{path}: is larger than its file can hold; it is damaged")
-        return dict(loadmat(path, variable_names=names, simplify_cells=True))
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # a damaged file can raise nearly anything
-        raise InputError(
-            f"{path}: damaged MATLAB file ({one_line(error)}); copy it again"
-        ) from None
+        with path.open("rb") as file:
+            return values_of(file, names, largest_size(path))
+    except ValueError as error:
+        raise _damaged(path, error) from None
 
 
 def _real(value: Any, name: str, path: Path) -> Floats:
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub":
-        raise InputError(f"{path}: {name} holds {array.dtype}, not real numbers")
-    return array.astype(np.float64)
+    if not isinstance(value, np.ndarray):
+        raise InputError(f"{path}: {name} is not an array of real numbers")
+    return value.astype(np.float64)
 
 
 def _damaged(path: Path, error: Exception) -> InputError:

@@ -139,6 +139,9 @@ def _log_of(
             except LogError as error:
                 if head in others:
                     refused.append(error)
+            except InputError:
+                if head in others:
+                    raise
     if len(found) > 1:
         files = ", ".join(path.name for path, _, _ in found)
         raise InputError(f"{where}: has several logs, {files}; name one with --pressure FILE")
