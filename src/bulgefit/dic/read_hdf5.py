@@ -40,7 +40,11 @@ _MOST_OTHERS = 20
 _FILTERS = {1, 2, 3, 4, 5, 6, 32000}
 
 
-@reader("hdf5", [".h5", ".hdf5", ".hdf"])
+@reader(
+    "hdf5",
+    [".h5", ".hdf5", ".hdf"],
+    example="data sets reference, displacement, pressure, each with an attribute unit",
+)
 def read_hdf5(path: Path) -> Recording:
     """Read the data sets of an HDF5 file, in the units of their `unit` attributes.
 

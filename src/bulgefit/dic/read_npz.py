@@ -31,7 +31,7 @@ _READ_HEADER = {
 }
 
 
-@reader("npz", [".npz"])
+@reader("npz", [".npz"], example="arrays reference, displacement, pressure, radius, thickness")
 def read_npz(path: Path) -> Recording:
     """Read the arrays of an npz; the keys are those of `keyed_arrays`."""
     with open_regular(path) as file:

@@ -24,7 +24,11 @@ _READ_HEADER = {
 _LAYOUT = "the study's layout is rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]"
 
 
-@reader("study", [".npy", ".pkl", ".pickle", ".p"])
+@reader(
+    "study",
+    [".npy", ".pkl", ".pickle", ".p"],
+    example="rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]",
+)
 def read_study(path: Path) -> Recording:
     """Read a pickled object array (frames, 2), from .npy or a plain pickle, running no code.
 
