@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ def stiffness(drawn: Draw) -> Floats:
     return orthotropic_stiffness(m["E1"], m["E2"], m["G12"], drawn.nu12)
 
 
-def law_of(drawn: Draw) -> dict[str, tuple[float, float]]:
+def law_of(drawn: Draw) -> dict[str, Any]:
     """Slack, gains, bends and knees along warp and fill, as `fem.membrane.Fabric` takes them."""
 
     def both(name: str, null: float = 0.0) -> tuple[float, float]:
