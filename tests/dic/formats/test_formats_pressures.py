@@ -180,7 +180,7 @@ def test_units_of_pressure(truth, frames, holds, column, unit, scale):
         (None, r"'p \[V\]' is in V, which is no pressure; give what one V is worth, such as"),
         ("bar", r"'p \[V\]' is in V, not in bar; give what one V is worth"),
         ("2bar/N", r"'p \[V\]' is in V, not in 2bar/N"),
-        ("psi", "--pressure-unit psi: is not one of MPa"),
+        ("torr", "--pressure-unit torr: is not one of MPa"),
         ("2", "--pressure-unit 2: is not one of"),
         ("e--bar", "--pressure-unit e--bar: is not one of"),
     ],
