@@ -90,7 +90,7 @@ def _announced(load: Callable[..., Any]) -> Callable[..., Any]:
 @cache
 def _announce() -> None:
     """Tell the user what takes so long, once."""
-    print("bulgefit: compiling kernels, once per machine (about 15 s)", file=sys.stderr)
+    sys.stderr.write("bulgefit: compiling kernels, once per machine (about 15 s)\n")
 
 
 class _Pause(event.Listener):
