@@ -57,7 +57,7 @@ def test_every_coordinate_is_of_its_group_and_specimen(data: Data) -> None:
 
 
 def test_gradients_are_those_of_the_misfit(data: Data) -> None:
-    """-Jᵀr against differences of |r|²/2, coordinate by coordinate, the mesh's direction among r."""
+    """-Jᵀr against differences of |r|²/2, the mesh's direction taken off."""
     pattern = np.random.default_rng(2).normal(size=data.used.shape) * 1e-3
     weighing, layout = weighing_of([replace(data, mesh=pattern, inflation=2.0)])
     x = near_the_truth(weighing, layout)

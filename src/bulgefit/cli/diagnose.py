@@ -31,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Diagnose the gap between a virtual bulge test and the measured one: where it lies, which\n"
         "effects that the model leaves out cause it, and how far it shrinks once they are added.\n"
-        "All effects are freed at once, beside a generic field in each place for what has no name,\n"
-        "and weighed by evidence. The verdict is none (good to the noise), named, ambiguous,\n"
+        "All effects are freed at once, beside a field in each place for what has no name, and\n"
+        "weighed by evidence. The verdict is none (good to the noise), named, ambiguous,\n"
         "partial (causes are sure, and something else is left) or unknown. Several tests share\n"
         "their material, all other effects are each test's own. Moduli in MPa, pressures in bar,\n"
         "gaps in mm. Refits go side by side, by several --workers (processes) or those of a\n"

@@ -13,7 +13,7 @@ from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
-    from bulgefit.fitting.fit import FitResult
+    from bulgefit.fitting.result import FitResult
     from bulgefit.model.parameters import Material
 
 __all__ = ["HELP", "add_arguments", "run"]

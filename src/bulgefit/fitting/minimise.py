@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy.optimize import lsq_linear, minimize
 from bulgefit.errors import InputError
 from bulgefit.fitting.problem import Evaluation, Problem
 
-__all__ = ["GAUSS_NEWTON", "Descent", "Limits", "descend"]
+__all__ = ["GAUSS_NEWTON", "Descent", "Limits", "Stop", "descend"]
 
 Floats = NDArray[np.floating]
 
@@ -28,6 +29,21 @@ SOLVER_NOISE = 1e-4
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
 _WITHOUT_GRADIENT = ("Nelder-Mead", "Powell", "COBYLA", "COBYQA")
+
+
+class Stop(Enum):
+    """Why a descent stopped."""
+
+    FLAT = "converged: no step lowers the linearised objective"
+    SHORT = "converged: steps are below the parameter tolerance"
+    RESOLVED = "converged: steps are below what the solver resolves"
+    LIMIT = "evaluation limit reached"
+    NO_START = "no equilibrium from this start"
+    FAILED = "every evaluation failed"
+
+    def because(self, why: str) -> str:
+        """With what brought it about."""
+        return f"{self.value}: {why}"
 
 
 @dataclass(frozen=True)
@@ -139,11 +155,11 @@ def descend(
     try:
         reason, converged = runner(recorder, start)
     except _LimitReached:
-        reason, converged = f"evaluation limit ({recorder.limits.evaluations}) reached", False
+        reason, converged = Stop.LIMIT.because(f"{recorder.limits.evaluations} paths"), False
     best = recorder.best
     if not best.values:
         best = Evaluation(problem.values(start), float("nan"), recorder.history[-1].error)
-        reason, converged = f"every evaluation failed; the last: {best.error}", False
+        reason, converged = Stop.FAILED.because(best.error), False
     return Descent(problem.values(start), best, reason, converged, recorder.history)
 
 
@@ -186,16 +202,16 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         z = 0.5 * (z + 1.0)
         current = recorder.evaluate(z, derivatives=True)
         if not np.isfinite(current.value) and z.min() > 0.99:
-            return f"no equilibrium from this start: {current.error}", False
+            return Stop.NO_START.because(current.error), False
     model = _Model(problem, current, z)
     in_vain = 0
     while True:
         step, expected = model.minimise(radius)
         length = float(np.abs(step).max())
         if expected <= limits.objective_change * current.value:
-            return "converged: no step lowers the linearised objective", True
+            return Stop.FLAT.value, True
         if length <= limits.parameter_change:
-            return "converged: steps are below the parameter tolerance", True
+            return Stop.SHORT.value, True
         trial = np.clip(z + step, 0.0, 1.0)
         new = recorder.evaluate(trial, derivatives=True)
         ratio = (current.value - recorder.told(new)) / expected
@@ -206,7 +222,7 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
             # promises as small as the solver's own error cannot be kept
             in_vain += expected <= SOLVER_NOISE * current.value
             if in_vain == 2 or length <= 10 * limits.parameter_change:
-                return "converged: steps are below what the solver resolves", True
+                return Stop.RESOLVED.value, True
         if ratio < 0.25:
             radius = 0.3 * length
         elif ratio > 0.7:
