@@ -235,6 +235,24 @@ def test_descends_a_bent_valley_within_what_balances(end):
     assert fit.steps <= 30
 
 
+def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
+    """All 50 slopes are alike, and together they push along what hardly resists.
+
+    A step along it is many times what the largest slope by itself would make.
+    """
+    soft = np.array([0.7, *[0.1] * 49])
+    soft /= np.linalg.norm(soft)
+    across = np.eye(50) - np.outer(soft, soft)
+    rows = np.vstack([100.0 * across, 0.1 * soft])
+    truth = 300.0 * soft + across @ np.ones(50) * (0.01 * 300.0 / soft.sum()) / 1e4
+    problem = linear([group("a", [100.0] * 50)], rows, rows @ truth)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(50))
+    assert fit.converged
+    # the prior, a hundred wide, beside what is seen: 1e-4 beside 1e-2
+    assert fit.x @ soft == pytest.approx(300.0 / 1.01, rel=1e-3)
+
+
 def test_a_descent_that_starts_where_nothing_balances_says_so():
     problem = Known([group("a", [5.0, 5.0])], np.zeros(2), rosenbrock, end=0.5)
     layout = Layout.of(problem.groups)

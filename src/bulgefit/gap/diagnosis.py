@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.registry import fields
+from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.advise import Advice, advise
@@ -520,6 +520,7 @@ def _field_dict(found: Diagnosis, field: FoundField) -> dict[str, Any]:
         "field": kind.id,
         "specimen": specimen_of(field.group),
         "probability": evidence.probability,
+        "alternatives": sorted({acting()[effect_of(r)].place for r in evidence.rivals}),
         "quantity": kind.quantity,
         "rms": field.sampled.rms,
         "unit": kind.unit,

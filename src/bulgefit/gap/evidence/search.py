@@ -77,10 +77,7 @@ class Search:
     def improved(self, fit: Fit) -> Fit:
         """A fit from which no drop, growth, addition or swap that was tried raises the evidence."""
         while True:
-            try:
-                around = self.around(fit)
-            except SolveError:
-                return fit
+            around = self.around(fit)
             better = self._thinned(fit, around) or self._changed(fit, around)
             if better is None:
                 return fit
@@ -90,7 +87,8 @@ class Search:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
 
         From the best model on, whatever holds more than a thousandth of its probability is looked
-        around in: by one drop or growth, and by what that leads to.
+        around in: by one drop or growth, and by what that leads to. What is only forecast counts
+        for no more than the best of what was fitted.
 
         Parameters
         ----------
@@ -105,7 +103,7 @@ class Search:
             model = waiting.pop()
             for other in [*self._smaller(model), *self._larger(model)]:
                 if other not in known:
-                    known[other] = self._forecast(around, other)
+                    known[other] = max(self._forecast(around, other), self.best.score)
                     if known[other] < reach:
                         waiting.append(other)
         return known

@@ -13,6 +13,7 @@ from bulgefit.errors import SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
+from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Weighing"]
@@ -54,7 +55,7 @@ class Weighing:
         for index, d in enumerate(self.data):
             own = self.coordinates.of_specimen(columns, index)
             found = self.predicted(x, own, index, None if near is None else near[index])
-            if near is not None and (near[index].stable & ~found.shapes.stable).any():
+            if near is not None and _loses_stability(near[index], found.shapes):
                 raise _lost_stability(d, found)
             shapes.append(found.shapes)
             rows = self._rows(d, found, x, own)
@@ -94,6 +95,11 @@ class Weighing:
             np.multiply(derivative, slope * weight, out=row)
         rows[-1] = d.residual(found)
         return rows.reshape(len(rows), -1)
+
+
+def _loses_stability(before: Shapes, after: Shapes) -> bool:
+    """Whether a step did that; a point looked at again is none."""
+    return bool((before.stable & ~after.stable).any()) and before.values != after.values
 
 
 def _lost_stability(d: Data, found: Prediction) -> SolveError:
