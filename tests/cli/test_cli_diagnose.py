@@ -108,7 +108,7 @@ def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
 @pytest.mark.parametrize(
     ("message", "words"),
     [
-        ("clamp_slop unknown; choose from initial_shape, ", ["--effects", "creep,clamp_slop"]),
+        ("'clamp_slop' is unknown; did you mean clamp_slip", ["--effects", "creep,clamp_slop"]),
         ("--effects: give one or more names", ["--effects", ","]),
         ("--seed -1: give 0 or more", ["--seed", "-1"]),
         ("--workers 0: give 1 or more", ["--workers", "0"]),

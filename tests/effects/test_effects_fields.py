@@ -14,7 +14,7 @@ from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
 VALUES = {"E1": 330.0, "E2": 210.0, "G12": 20.0, "initial_shape.h0": 0.5}
-EVERY = list(fields().values())
+EVERY = [field for field in fields().values() if field.parameters]
 
 
 @pytest.fixture(scope="module")

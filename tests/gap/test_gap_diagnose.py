@@ -136,6 +136,34 @@ def test_without_the_true_effect_the_verdict_is_unknown() -> None:
     assert field["share_of_gap"] > 0.9
 
 
+def test_creases_of_the_reference_image_are_a_field_of_the_cameras_place() -> None:
+    """Waves of 45 mm, which no polynomial of fifth degree follows, beside a turned frame."""
+    test = made({"rigid_motion.rotation_x": 0.3}, frames=10)
+    (block,) = test.blocks
+    x, y, _ = (2 * np.pi * block.reference / 45.0).T
+    crease = np.stack([0.1 * np.sin(x + 1), 0.1 * np.cos(y), np.sin(x) * np.cos(y)], axis=1)
+    seen = block.displacement - crease
+    creased = BulgeTest.from_arrays(
+        block.reference, seen, test.pressure, static_displacement=test.static_displacement
+    )
+    found = diagnose(creased, effects=("reference_state", "rigid_motion", "clamp_slip"))
+    assert found.verdict == "partial"
+    (cause,) = found.causes
+    assert cause.effect == "rigid_motion"
+    assert set(cause.parameters) == {"rotation_x", "rotation_y", "rotation_z"}
+    value = cause.parameters["rotation_x"]
+    assert abs(value["value"] - 0.3) < 4 * value["stderr"]
+    field = found.to_dict()["fields"][-1]
+    assert (field["place"], field["field"]) == ("camera", "reference_field")
+    assert field["probability"] > 0.999
+    assert field["rms"] == pytest.approx(np.sqrt((crease**2).sum(axis=1).mean()), rel=0.05)
+    parameters = found.to_dict()["parameters"]["corrected"]
+    for name, truth in MODULI.items():
+        assert abs(parameters[name]["value"] - truth) < 4 * parameters[name]["stderr"]
+    floor, gap = found.gaps["noise_floor"], found.gaps["heldout_explained"]
+    assert gap["e_w"] < 1.25 * floor["e_w"]  # each offset carries noise of its own
+
+
 def test_noise_of_static_images_and_of_the_field_agree() -> None:
     at_rest = estimate_noise(made({}))
     np.testing.assert_allclose(at_rest.sigma, SIGMA, rtol=0.1)

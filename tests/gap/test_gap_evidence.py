@@ -12,12 +12,12 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
 from bulgefit.errors import SolveError
-from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
 from bulgefit.gap.evidence.orthant import log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
-from bulgefit.gap.evidence.search import Search, explore
+from bulgefit.gap.evidence.search import Search, Ways
 
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -260,6 +260,12 @@ def test_a_descent_that_starts_where_nothing_balances_says_so():
         descend(problem, layout, layout.whole(), np.array([1.0, 1.0]))
 
 
+def explore(search: Search, start: np.ndarray) -> Fit:
+    """The best model by every way."""
+    Ways(search, start).every()
+    return search.best
+
+
 def searched(problem: Known) -> Search:
     layout = Layout.of(problem.groups)
     return Search(problem, layout, tuple(g.id for g in problem.groups if not g.always))
@@ -272,7 +278,7 @@ def test_all_models_are_found_as_enumeration_ranks_them():
     measured = rows @ [1.0, 0.0, -0.6, 0.0, 0.0, 0.5, 0.0, 0.0] + rng.normal(size=60)
     problem = linear([group(f"g{i}", [1.0]) for i in range(8)], rows, measured)
     search = searched(problem)
-    best = explore(search, np.zeros(8), None, ())
+    best = explore(search, np.zeros(8))
     scores = {}
     for mask in range(256):
         columns = np.array([i for i in range(8) if mask >> i & 1], dtype=np.intp)
@@ -302,7 +308,7 @@ def test_elimination_alone_is_trapped_where_growth_is_not():
     assert whole is not None
     stuck = search.improved(whole)
     assert dict(stuck.model).keys() == {f"n{i}" for i in range(5)}
-    best = explore(searched(problem), np.zeros(6), None, ())
+    best = explore(searched(problem), np.zeros(6))
     assert best.model == freeze({"wide": 0})
     assert best.score < stuck.score - 5.0
 
@@ -325,7 +331,7 @@ def test_forms_shrink_to_what_the_data_need():
     rows = rng.normal(size=(80, 4))
     measured = rows[:, 0] * 3.0 + rng.normal(size=80)
     problem = linear([group("a", [5.0] * 4, forms=((0,), (0, 1), (0, 1, 2, 3)))], rows, measured)
-    assert explore(searched(problem), np.zeros(4), None, ()).model == freeze({"a": 0})
+    assert explore(searched(problem), np.zeros(4)).model == freeze({"a": 0})
 
 
 def test_no_equilibrium_is_lost_on_the_way():
@@ -335,11 +341,11 @@ def test_no_equilibrium_is_lost_on_the_way():
     measured = rows @ [1.0, 4.0] + 0.1 * rng.normal(size=30)
     groups = [group("m", [2.0], always=True), group("b", [2.0])]
     problem = linear(groups, 10 * rows, 10 * measured, end=3.0)
-    best = explore(searched(problem), np.zeros(2), None, ())
+    best = explore(searched(problem), np.zeros(2))
     assert best.model == freeze({"b": 0})
     assert 2.9 < best.x[1] <= 3.0
     with pytest.raises(SolveError, match="nothing balances"):
-        explore(searched(problem), np.full(2, 9.0), None, ())
+        explore(searched(problem), np.full(2, 9.0))
 
 
 def test_probabilities_are_those_of_the_evidence():

@@ -85,13 +85,41 @@ def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     x, columns = near_the_truth(plain, layout), np.arange(3)
     found = with_mesh.linearise(x, columns)
     own = plain.predicted(x, list(columns), 0)
-    rows = plain._rows(plain.data[0], own, x, list(columns))
+    rows = plain._rows(plain.data[0], own, x, list(columns)).reshape(4, -1)
     m = (pattern / data.sigma).ravel()
     covariance = 3.0 * np.eye(len(m)) + np.outer(m, m)
     exact = 3.0 * rows @ np.linalg.solve(covariance, rows.T)
     assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
     np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-9)
     np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-7)
+
+
+def test_offsets_of_points_are_integrated_out(data: Data) -> None:
+    """r C⁻¹ r + ln det C with C = 1 + t² for each two frames of a point, by a dense matrix."""
+    prior = np.array([0.01, 0.02, 0.05])
+    used = np.array(data.used)
+    used[2, ::3] = False
+    some = replace(data, used=used)
+    plain, layout = weighing_of([some])
+    x, columns = near_the_truth(plain, layout), np.arange(3)
+    weighing = Weighing([some], plain.coordinates, [prior])
+    found = weighing.linearise(x, columns)
+    rows = plain._rows(some, plain.predicted(x, list(columns), 0), x, list(columns))
+    points = used.shape[1]
+    exact, log_det = np.zeros((4, 4)), 0.0
+    for point in range(points):
+        for axis in range(3):
+            seen = used[:, point, axis]
+            t = prior[axis] / some.sigma[axis]
+            covariance = np.eye(seen.sum()) + t**2
+            own = rows[:, seen, point, axis]
+            exact += own @ np.linalg.solve(covariance, own.T)
+            log_det += np.linalg.slogdet(covariance)[1]
+    assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
+    np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-8)
+    np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-6)
+    assert weighing.cost == pytest.approx(log_det, rel=1e-9)
+    assert plain.cost == 0.0
 
 
 def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:

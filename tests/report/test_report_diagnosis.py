@@ -244,7 +244,8 @@ def test_a_shear_modulus_that_was_held_is_a_limit(found):
     assert "E1 comes out 10 % too high and G12 comes out at least 40 % too low" in text
     assert f"G12 {base.values['G12']:.3g} at most" in text
     free = replace(biased, bias_held=False)
-    assert "G12 comes out 40 % too low" in report_text(replace(found, causes=[free]))
+    text = " ".join(report_text(replace(found, causes=[free])).split())
+    assert "G12 comes out 40 % too low" in text
 
 
 @pytest.mark.parametrize(

@@ -15,15 +15,16 @@ from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.registry import fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import MODULI
+from bulgefit.gap.effects import FIELD, MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
-from bulgefit.gap.evidence.search import Search, explore
+from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.keys import group_keys
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import Structure, structure
@@ -38,6 +39,8 @@ Floats = NDArray[np.float64]
 START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
+#: The field whose offsets are no coordinates.
+CREASES = "reference_field"
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +163,10 @@ def explain(
         Search by every way, also where the first leaves nothing but noise.
     """
     usable = [e for e in effects if not e.never_separable]
+    usable += [f for f in fields().values() if f.parameters]
     whole = [p.data for p in prepared]
     nulls = [d.specimen.nulls() for d in whole]
-    coordinates = Coordinates.of([*usable, *fields().values()], nulls)
+    coordinates = Coordinates.of(usable, nulls)
     layout = Layout.of(coordinates.groups)
     start = np.array(layout.null)
     start[: len(MODULI)] = np.log([START[m] for m in MODULI])
@@ -173,10 +177,11 @@ def explain(
         fix_units(p, rough.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
 
-    search = _searched(whole, coordinates, layout, rough, say, thorough=thorough)
+    plain, creased = _searched(whole, coordinates, layout, rough, say, thorough=thorough)
+    search = creased or plain
     found = search.best
     say("the best model, by all points")
-    weighing = Weighing(whole, coordinates)
+    weighing = Weighing(whole, coordinates, search.problem.offsets)
     fit = descend(weighing, layout, found.model, found.x, found.here.near)
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
@@ -184,14 +189,22 @@ def explain(
     chances = weighed(search.scores(tempered), tempered, search.names)
     say("the model without each of its parts")
     groups, without, steps = _taken_apart(weighing, layout, fit, final, baseline, executor)
+    evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
+    keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
+    found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
+    if creased is not None:
+        say("the model without offsets")
+        keys[CREASES] = group_keys([FIELD], len(whole))
+        evidence[CREASES] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
+        found_fields.append(FoundField(CREASES, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
         final=final,
         known=_known(search),
-        groups={g: _keys(coordinates, layout, fit.model, g) for g in groups},
-        evidence={g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups},
+        groups=keys,
+        evidence=evidence,
         others={g: p for g, p in chances.groups.items() if g not in groups and p > 0.0},
-        fields=[_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)],
+        fields=found_fields,
         steps=steps,
         start=structure(whole, baseline),
         remainder=structure(whole, final),
@@ -241,18 +254,113 @@ def _searched(
     say: Callable[[str], None],
     *,
     thorough: bool,
-) -> Search:
-    """Models weighed on as many points as the noise's correlation leaves."""
+) -> tuple[Search[Weighing], Search[Weighing] | None]:
+    """Models weighed on as many points as the noise's correlation leaves.
+
+    The second search is that beside offsets of every point; None where they do not pay. They are
+    tried before the other fields, since they cost no coordinates.
+    """
     data = _thinned(whole)
-    weighing = Weighing(data, coordinates)
-    names = _free(layout)
-    search = Search(weighing, layout, names, say)
+    plain = _Trial.of(Weighing(data, coordinates), layout, rough, say)
+    if thorough:
+        plain.ways.every()
+    else:
+        plain.ways.by_elimination()
+    if plain.search.fits and plain.is_content:
+        plain.finish()
+        return plain.search, None
+    plain.ways.from_below()
+    sizes = _offset_sizes(data, plain.regression)
+    creased = None
+    if any(size.any() for size in sizes):
+        say("an offset of every point")
+        creased = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, say)
+        creased.ways.by_elimination()
+        if creased.search.fits and creased.is_content:
+            creased.finish()
+            return plain.search, creased.search
+    plain.ways.with_fields()
+    if creased is None or not creased.search.fits:
+        return plain.search, None
+    paid = _score(creased.search) < plain.search.best.score
+    return plain.search, creased.search if paid else None
 
-    def content(fit: Fit) -> bool:
-        return not thorough and not structure(data, regression_of(weighing, fit)).significant
 
-    explore(search, rough.x, rough.here.near, [n for n in names if is_field(n)], content)
-    return search
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A search, and ways through it."""
+
+    data: Sequence[Data]
+    search: Search[Weighing]
+    ways: Ways[Weighing]
+
+    @classmethod
+    def of(
+        cls, weighing: Weighing, layout: Layout, rough: Fit, say: Callable[[str], None]
+    ) -> _Trial:
+        """From the fit of everything that came first."""
+        names = _free(layout)
+        search = Search(weighing, layout, names, say)
+        free = tuple(n for n in names if is_field(n))
+        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free))
+
+    @property
+    def regression(self) -> Regression:
+        """The best model's."""
+        return regression_of(self.search.problem, self.search.best)
+
+    @property
+    def is_content(self) -> bool:
+        """Whether the best model leaves nothing but noise."""
+        return not structure(self.data, self.regression).significant
+
+    def finish(self) -> None:
+        """What else may be, where nothing is left: fewer effects, or a field in their place.
+
+        A group or two that stand for fewer are dropped or swapped by one change, which was tried.
+        """
+        if len(self.search.best.model) > 2:
+            self.ways.from_below()
+        self.search.improved(self.search.best)
+
+
+def _score(search: Search[Weighing]) -> float:
+    """-2 ln Z of the best model, with what its offsets cost."""
+    return search.best.score + search.problem.cost
+
+
+def _offset_sizes(data: Sequence[Data], fit: Regression) -> list[Floats]:
+    """Standard deviations (3,) mm of what every point has in all frames, beyond the noise.
+
+    The prior whose evidence is largest, for points that were seen equally often.
+    """
+    sizes = []
+    for d, p in zip(data, fit.predictions, strict=True):
+        number = d.used.sum(axis=0)
+        residual = np.where(d.used, d.specimen.measured - p.displacement, 0.0)
+        offset = residual.sum(axis=0) / np.maximum(number, 1)
+        noise = d.sigma**2 / np.maximum(number, 1)
+        seen = (number > 0).all(axis=1)
+        sizes.append(np.sqrt(np.maximum((offset**2 - noise)[seen].mean(axis=0), 0.0)))
+    return sizes
+
+
+def _of_creases(
+    weighing: Weighing, plain: Search[Weighing], creased: Search[Weighing], tempered: float
+) -> Evidence:
+    """What speaks for offsets of the points: the best model with them against that without."""
+    best = plain.best
+    odds = np.exp(-0.5 * (best.score - _score(creased)) / tempered)
+    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near)
+    return Evidence(float(1.0 / (1.0 + odds)), (), regression_of(weighing, smooth), {})
+
+
+def _creases(data: Sequence[Data], final: Regression) -> Sampled:
+    """Sizes of the offsets of the first specimen's points, where they are."""
+    offset = final.offsets[0]
+    assert offset is not None
+    x, y = data[0].specimen.reference[:, :2].T
+    return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
 
 
 def _taken_apart(
@@ -265,15 +373,18 @@ def _taken_apart(
 ) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
     names = [name for name, _ in fit.model]
+    beside = (weighing, layout, fit.x, fit.here.near)
+    creased = weighing.offsets is not None
+    alone = (_refit(beside, freeze({})) or baseline) if creased and names else baseline
 
     def refitted(models: Sequence[Model]) -> list[Regression | None]:
         some = [model for model in models if model]
-        found = spread(executor, _refit, (weighing, layout, fit.x, fit.here.near), some)
-        known = {freeze({}): baseline, **dict(zip(some, found, strict=True))}
+        found = spread(executor, _refit, beside, some)
+        known = {freeze({}): alone, **dict(zip(some, found, strict=True))}
         return [known[model] for model in models]
 
-    alone = refitted([_less(fit.model, [name]) for name in names])
-    without = dict(zip(names, alone, strict=True))
+    rests = refitted([_less(fit.model, [name]) for name in names])
+    without = dict(zip(names, rests, strict=True))
 
     def worth(name: str) -> float:
         rest = without[name]
@@ -282,8 +393,11 @@ def _taken_apart(
     names.sort(key=worth, reverse=True)
     # the way up: what is taken out last, and with it all that are worth more, stands first
     between = refitted([_less(fit.model, names[k:]) for k in range(1, len(names) - 1)])
-    fits = [baseline, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
-    steps, last = [], baseline
+    fits = [alone, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
+    steps, last = [], alone
+    if creased:
+        last = alone if names else final
+        steps.append(Step(CREASES, baseline, last))
     for name, after in zip(names, fits[1:], strict=True) if names else ():
         steps.append(Step(name, last, after or last))
         last = after or last
@@ -341,10 +455,10 @@ def _field(
     return FoundField(group, sampled)
 
 
-def _known(search: Search) -> Known:
+def _known(search: Search[Weighing]) -> Known:
     """By every coordinate of the catalogue, at the best model."""
     names = _catalogued(search.names)
     columns = search.layout.columns(search.layout.whole(names))
     around = search.around(search.best).of(columns)
-    every = search.problem.coordinates.every  # type: ignore[attr-defined]
+    every = search.problem.coordinates.every
     return Known(tuple(str(every[c].key) for c in columns), around.hessian)

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.gap.data import Data
+from bulgefit.gap.effects import FIELD
 from bulgefit.gap.evidence.coordinates import Coordinate
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import chain_factor
-from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations
+from bulgefit.gap.keys import chain_factor, group_keys
+from bulgefit.gap.normal import (
+    NormalEquations,
+    Quadratic,
+    normal_equations,
+    offsets_of,
+    shown,
+)
 from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
 
@@ -31,14 +39,33 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     for index, (d, shapes) in enumerate(zip(weighing.data, fit.here.near, strict=True)):
         names = [every[c].key.name for c in weighing.coordinates.of_specimen(columns, index)]
         predictions.append(d.specimen.observe(shapes, names))
-    normal = normal_equations(weighing.data, predictions, keys)
+    free = [] if weighing.offsets is None else group_keys([FIELD], len(weighing.data))
+    normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
-    slim = [Prediction(p.displacement, p.derivative[:0], p.shapes) for p in predictions]
     prior = _prior(chosen, fit.x[columns], weighing.inflation)
-    none: list[Floats | None] = [None] * len(slim)
+    offsets = [
+        _offset(d, p) if free else None for d, p in zip(weighing.data, predictions, strict=True)
+    ]
     return Regression(
-        keys, values, _with(normal, prior), slim, none, weighing.inflation, fit.converged
+        (*keys, *free),
+        values,
+        _with(normal, prior),
+        [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
+        offsets,
+        weighing.inflation,
+        fit.converged,
     )
+
+
+def _offset(data: Data, prediction: Prediction) -> Floats:
+    """Of every point (n, 3), mm: the mean of its residual."""
+    residual = data.specimen.measured - prediction.displacement
+    return offsets_of(residual, data.used, shown(data, prediction))
+
+
+def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
+    seen = prediction.displacement if offset is None else prediction.displacement + offset
+    return Prediction(seen, prediction.derivative[:0], prediction.shapes)
 
 
 def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:

@@ -84,5 +84,5 @@ def _shares(models: Mapping[Model, float]) -> dict[str, float]:
     out: dict[str, float] = {}
     for model, share in models.items():
         for name, _ in model:
-            out[name] = out.get(name, 0.0) + share
+            out[name] = min(out.get(name, 0.0) + share, 1.0)
     return out

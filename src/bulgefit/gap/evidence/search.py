@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 
-__all__ = ["Search", "explore"]
+__all__ = ["Search", "Ways"]
+
+Kind = TypeVar("Kind", bound=Problem)
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +31,7 @@ LEAST_SHARE = 1e-3
 
 
 @dataclass(eq=False)
-class Search:
+class Search(Generic[Kind]):
     """Models of a problem, and what was found of them.
 
     Attributes
@@ -43,7 +46,7 @@ class Search:
         Every model that was fitted, at its best.
     """
 
-    problem: Problem
+    problem: Kind
     layout: Layout
     names: tuple[str, ...]
     say: Callable[[str], None] = lambda _: None
@@ -185,53 +188,74 @@ class Search:
         return found
 
 
-def explore(
-    search: Search,
-    start: Floats,
-    near: object = None,
-    fields: Iterable[str] = (),
-    content: Callable[[Fit], bool] = lambda _: False,
-) -> Fit:
-    """The best model by several ways, since each may be trapped.
+@dataclass(frozen=True, eq=False)
+class Ways(Generic[Kind]):
+    """Ways to the best model, since each may be trapped.
 
-    First everything but the fields is freed at once and thinned, and, where more than two groups
-    stay or something is left, groups are added to the smallest model. Where what that leaves is
-    not put down to noise, everything is freed from the start, for where effects take what is a
-    field's, and again with the fields freed last, for where fields take what is an effect's.
-
-    Parameters
+    Attributes
     ----------
     search : Search
     start : (n,) array
         Coordinates from which something balances.
     near : object
         What a neighbouring point is sooner found from, or None.
-    fields : iterable of str
-        Groups that are freed only by the later ways, but for what is forecast of them.
-    content : callable
-        Whether a fit leaves nothing but noise.
-
-    Raises
-    ------
-    SolveError
-        Nothing balances at the start.
+    fields : tuple of str
+        Groups that are freed by some ways alone.
     """
-    layout, later = search.layout, set(fields)
-    whole = layout.whole(search.names)
-    named = replace(search, names=tuple(n for n in search.names if n not in later))
-    first = named.fit(layout.whole(named.names), start, near)
-    if first is not None:
-        search.improved(first)
-    # one group or two that stand for fewer are dropped or swapped by one change, which was tried
-    trapped = not search.fits or len(search.best.model) > 2 or not content(search.best)
-    if trapped and (small := named.fit(freeze({}), start, near)) is not None:
-        search.improved(named.improved(small))
-    if later and (not search.fits or not content(search.best)):
-        if (found := search.fit(whole, start, near)) is not None:
-            search.improved(found)
-        if first is not None and (found := search.fit(whole, first.x, first.here.near)) is not None:
-            search.improved(found)
-    if not search.fits:
-        # the same solve once more: its error says where and why nothing balances
-        search.problem.linearise(start, layout.columns(freeze({})), near)
-    return search.best
+
+    search: Search[Kind]
+    start: Floats
+    near: object = None
+    fields: tuple[str, ...] = ()
+
+    @property
+    def _named(self) -> Search[Kind]:
+        """The same search without fields; what it fits counts for both."""
+        names = tuple(n for n in self.search.names if n not in self.fields)
+        return replace(self.search, names=names)
+
+    def by_elimination(self) -> None:
+        """Everything but the fields is freed at once, and thinned."""
+        named = self._named
+        whole = named.layout.whole(named.names)
+        if (found := named.fit(whole, self.start, self.near)) is not None:
+            named.improved(found)
+
+    def from_below(self) -> None:
+        """Groups, but no fields, are added to the smallest model.
+
+        Raises
+        ------
+        SolveError
+            Nothing balances at the start, and no model was fitted.
+        """
+        named = self._named
+        small = named.fit(freeze({}), self.start, self.near)
+        if small is not None:
+            named.improved(small)
+        elif not named.fits:
+            # the same solve once more: its error says where and why nothing balances
+            none = named.layout.columns(freeze({}))
+            named.problem.linearise(self.start, none, self.near)
+
+    def with_fields(self) -> None:
+        """Everything is freed from the start, and again with the fields freed last.
+
+        Effects may take what is a field's, and fields what is an effect's.
+        """
+        layout = self.search.layout
+        whole = layout.whole(self.search.names)
+        starts = [(self.start, self.near)]
+        if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
+            starts.append((first.x, first.here.near))
+        for start, near in starts:
+            if (found := self.search.fit(whole, start, near)) is not None:
+                self.search.improved(found)
+
+    def every(self) -> None:
+        """All of them, one after another; raises SolveError where none leads anywhere."""
+        self.by_elimination()
+        self.from_below()
+        if self.fields:
+            self.with_fields()
+        self.search.improved(self.search.best)

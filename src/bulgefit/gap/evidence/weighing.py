@@ -28,10 +28,18 @@ class Weighing:
     ----------
     data : sequence of Data
     coordinates : Coordinates
+    offsets : sequence of (3,) array, mm, optional
+        By specimen: standard deviations of the prior of an offset of every measured point, which
+        all its frames share. Such offsets are no coordinates: they are integrated out.
     """
 
-    def __init__(self, data: Sequence[Data], coordinates: Coordinates) -> None:
-        self.data, self.coordinates = data, coordinates
+    def __init__(
+        self,
+        data: Sequence[Data],
+        coordinates: Coordinates,
+        offsets: Sequence[Floats] | None = None,
+    ) -> None:
+        self.data, self.coordinates, self.offsets = data, coordinates, offsets
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -48,6 +56,20 @@ class Weighing:
         """Values that are compared."""
         return sum(int(d.used.sum()) for d in self.data)
 
+    @property
+    def cost(self) -> float:
+        """Of the offsets, to be added to a score: what ln det A + 2 Σ ln s is of coordinates.
+
+        With a prior of t noise units, n frames of a point: ln(1 + n t²), for one in v points, since
+        so many count as one.
+        """
+        if self.offsets is None:
+            return 0.0
+        return sum(
+            float(np.log1p(d.used.sum(axis=0) * (t / d.sigma) ** 2).sum()) / d.inflation
+            for d, t in zip(self.data, self.offsets, strict=True)
+        )
+
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """See `Problem`; `near` are the shapes of a neighbouring point."""
         size = len(columns) + 1
@@ -58,10 +80,8 @@ class Weighing:
             if near is not None and _loses_stability(near[index], found.shapes):
                 raise _lost_stability(d, found)
             shapes.append(found.shapes)
-            rows = self._rows(d, found, x, own)
-            upper = dsyrk(1.0, rows.T, trans=1)
             place = np.append(np.searchsorted(columns, own), size - 1)
-            gram[np.ix_(place, place)] += self._beside_mesh(d, rows, upper + np.triu(upper, 1).T)
+            gram[np.ix_(place, place)] += self._gram(index, self._rows(d, found, x, own))
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes
         )
@@ -73,20 +93,23 @@ class Weighing:
         names = [self.coordinates.every[c].key.name for c in columns]
         return self.data[index].specimen.predict(self.coordinates.values(x, index), names, near)
 
-    def _beside_mesh(self, d: Data, rows: Floats, gram: Floats) -> Floats:
-        """Gram matrix where what is left of the mesh's error is noise of one more direction.
-
-        It is known in its pattern m, and in its size to about itself. With noise of covariance
-        v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950).
-        """
-        if d.mesh is None:
-            return gram
-        pattern = np.where(d.used, d.mesh / d.sigma, 0.0).ravel()
-        along = rows @ pattern
-        return gram - np.outer(along, along) / (d.inflation + pattern @ pattern)
+    def _gram(self, index: int, rows: Floats) -> Floats:
+        """Products of rows (k, frames, points, 3), the offsets and the mesh's error taken off."""
+        d = self.data[index]
+        if d.mesh is not None:
+            rows = np.concatenate([rows, np.where(d.used, d.mesh / d.sigma, 0.0)[None]])
+        flat = rows.reshape(len(rows), -1)
+        upper = dsyrk(1.0, flat.T, trans=1)
+        gram = upper + np.triu(upper, 1).T
+        if self.offsets is not None:
+            gram -= _of_offsets(d, self.offsets[index], rows)
+        return gram if d.mesh is None else _beside_mesh(gram, d.inflation)
 
     def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
-        """Derivatives by coordinates and the residual, (columns + 1, values), in noise units."""
+        """Derivatives by coordinates and the residual, in noise units.
+
+        (columns + 1, frames, points, 3).
+        """
         weight = d.used / d.sigma
         rows = np.empty((len(columns) + 1, *weight.shape))
         for row, c, derivative in zip(rows[:-1], columns, found.derivative, strict=True):
@@ -94,7 +117,29 @@ class Weighing:
             slope = coordinate.parameter.slope(coordinate.value(x[c]))
             np.multiply(derivative, slope * weight, out=row)
         rows[-1] = d.residual(found)
-        return rows.reshape(len(rows), -1)
+        return rows
+
+
+def _of_offsets(d: Data, prior: Floats, rows: Floats) -> Floats:
+    """What offsets of the points take off products of rows.
+
+    With the sum S of a point's rows over its n frames and a prior of t noise units, the best offset
+    takes SSᵀ/(n + 1/t²) off.
+    """
+    number, square = d.used.sum(axis=0), (prior / d.sigma) ** 2
+    share = np.sqrt(square / (1.0 + number * square))
+    sums = (rows.sum(axis=1) * share).reshape(len(rows), -1)
+    return np.asarray(sums @ sums.T)
+
+
+def _beside_mesh(gram: Floats, inflation: float) -> Floats:
+    """Products of rows where what is left of the mesh's error is noise of one more direction.
+
+    It is known in its pattern m, the last row, and in its size to about itself. With noise of
+    covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950).
+    """
+    along = gram[:-1, -1]
+    return np.asarray(gram[:-1, :-1] - np.outer(along, along) / (inflation + gram[-1, -1]))
 
 
 def _loses_stability(before: Shapes, after: Shapes) -> bool:
