@@ -17,7 +17,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
 from bulgefit.trial.fabric import UnstableDrawError
-from bulgefit.trial.make import TRIES, noise_size, truth_of
+from bulgefit.trial.make import TRIES, audible, noise_size, truth_of
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_each
 
@@ -80,11 +80,13 @@ def make_family(
     """
     recipe = recipe or Recipe()
     rng = default_rng(seed)
-    cloth = _cloth(rng, recipe.shrink)
+    cloth = _cloth(rng)
     factors = _factors(cloth.scatter, rng)
     drawn = [_specimen(cloth, pair, rng, recipe.shrink) for pair in factors]
-    settings = [place(one, rng, recipe) for one in drawn]
     with one_blas_thread():
+        if recipe.audible:
+            drawn = [audible(one, rng.spawn(1)[0], recipe) for one in drawn]
+        settings = [place(one, rng, recipe) for one in drawn]
         for _ in range(TRIES):
             try:
                 seen = [
@@ -136,10 +138,10 @@ def law_table(
     return told
 
 
-def _cloth(rng: Generator, shrink: float) -> Cloth:
+def _cloth(rng: Generator) -> Cloth:
     moduli, scatter = draw_moduli(rng), float(rng.uniform(0.05, 0.10))
-    law = draw_sizes(("nonlinear_material",), rng, shrink)[0] if rng.random() < 0.5 else {}
-    return Cloth(moduli, law, scatter)
+    curved = ("nonlinear_material",) if rng.random() < 0.5 else ()
+    return Cloth(moduli, draw_sizes(curved, rng).parameters, scatter)
 
 
 def _factors(scatter: float, rng: Generator) -> Floats:
@@ -155,14 +157,16 @@ def _factors(scatter: float, rng: Generator) -> Floats:
 
 def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float) -> Draw:
     own = "initial_shape", "prestrain", _MOTIONS[int(rng.integers(len(_MOTIONS)))]
-    parameters, waves = draw_sizes(own, rng, shrink)
+    drawn = draw_sizes(own, rng, shrink)
     moduli = {
         "E1": cloth.moduli["E1"] * float(factors[0]),
         "E2": cloth.moduli["E2"] * float(factors[1]),
         "G12": cloth.moduli["G12"],
     }
     shared = ("nonlinear_material",) if cloth.law else ()
-    return Draw((*shared, *own), {**cloth.law, **parameters}, waves, moduli)
+    # the law has no share: it is the cloth's, and no specimen's own to enlarge
+    parameters = {**cloth.law, **drawn.parameters}
+    return replace(drawn, effects=(*shared, *own), parameters=parameters, moduli=moduli)
 
 
 def _firmer(drawn: list[Draw], rng: Generator) -> list[Draw]:

@@ -11,20 +11,24 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
-from bulgefit.trial.draw import Draw, draw, firmer, kind_of
+from bulgefit.trial.draw import Draw, draw, enlarged, firmer, kind_of
 from bulgefit.trial.fabric import UnstableDrawError
 from bulgefit.trial.foreign import FOREIGN
+from bulgefit.trial.known import SILENT
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_all, of_each
 
-__all__ = ["TRIES", "Made", "Recipe", "make_test", "noise_size", "truth_of"]
+__all__ = ["TRIES", "Made", "Recipe", "audible", "make_test", "noise_size", "truth_of"]
 
 #: Draws of a firmer fabric before giving up.
 TRIES = 12
+#: Standard deviations of the noise, mm.
+_IN_PLANE, _OUT_OF_PLANE = (5e-3, 9e-3), (10e-3, 18e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +74,10 @@ def make_test(
     recipe = recipe or Recipe()
     rng = default_rng(seed)
     drawn = draw(kind, rng, recipe.shrink)
-    setting = place(drawn, rng, recipe)
     with one_blas_thread():
+        if recipe.audible:
+            drawn = audible(drawn, rng.spawn(1)[0], recipe)
+        setting = place(drawn, rng, recipe)
         for _ in range(TRIES):
             try:
                 height, seen = noise_free(drawn, setting, recipe.fineness)
@@ -96,9 +102,31 @@ def make_test(
     return Made(test, truth)
 
 
+def audible(drawn: Draw, rng: Generator, recipe: Recipe) -> Draw:
+    """The same with every cause as large as the noise, or as large as it was drawn at first.
+
+    Its size is what moduli and other causes cannot imitate of it, and of `SILENT` effects
+    they imitate all. A cause is taken to grow in proportion to its parameters.
+    """
+    setting, firm = place(drawn, rng, recipe), drawn
+    for _ in range(TRIES):
+        try:
+            each = of_each(firm, setting)
+            break
+        except UnstableDrawError:
+            firm = firmer(firm, rng)
+    else:
+        raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+    loudest = float(np.sqrt(2 * _IN_PLANE[1] ** 2 + _OUT_OF_PLANE[1] ** 2))
+    for effect, worth in each.items():
+        if effect not in SILENT and worth["signature_left_mm"] < loudest:
+            drawn = enlarged(drawn, effect, loudest / worth["signature_left_mm"])
+    return drawn
+
+
 def noise_size(rng: Generator) -> tuple[float, float]:
     """Standard deviations of the noise in plane and out of plane, mm."""
-    return float(rng.uniform(5e-3, 9e-3)), float(rng.uniform(10e-3, 18e-3))
+    return float(rng.uniform(*_IN_PLANE)), float(rng.uniform(*_OUT_OF_PLANE))
 
 
 def truth_of(drawn: Draw) -> dict[str, Any]:
