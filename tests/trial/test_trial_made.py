@@ -13,15 +13,15 @@ import bulgefit.trial
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.trial import recording, window
-from bulgefit.trial.draw import COUNTS, KINDS, Draw, Wave, draw, enlarged, without
-from bulgefit.trial.fabric import Shapes
+from bulgefit.trial.draw import COUNTS, KINDS, Draw, Wave, draw, enlarged, firmer, without
+from bulgefit.trial.fabric import Shapes, UnstableDrawError
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.gauge import true_load
 from bulgefit.trial.hexagon import FINENESS, TwoPlies, hexagon
 from bulgefit.trial.known import FORMS, KNOWN, NOT_TOGETHER
-from bulgefit.trial.make import Recipe, audible, make_test
+from bulgefit.trial.make import Recipe, audible, make_test, until_stable
 from bulgefit.trial.noise import holes, noise
-from bulgefit.trial.signature import of_each
+from bulgefit.trial.signature import noise_free, of_each
 from bulgefit.trial.window import NodalField
 
 SMALL = Recipe(frames=6, spacing=13.0, fineness=8)
@@ -311,6 +311,26 @@ def test_a_cause_that_the_noise_would_hide_is_enlarged_to_it():
     loud = make_test("clamp_lobes", 0, SMALL).truth
     again = make_test("clamp_lobes", 0, Recipe(6, 13.0, 8, audible=True)).truth
     assert again["parameters"] == loud["parameters"]
+
+
+def test_a_fabric_that_is_too_soft_is_made_firmer():
+    """In shear, by 1.1 to 1.4 each time, until it is stable; not for ever."""
+    soft = Draw((), {}, (), {"E1": 330.0, "E2": 200.0, "G12": 0.5})
+    setting = recording.place(soft, np.random.default_rng(0), SMALL)
+    with pytest.raises(UnstableDrawError):
+        noise_free(soft, setting, 8)
+    firm, (_, seen) = until_stable(
+        soft, np.random.default_rng(0), lambda one: noise_free(one, setting, 8), firmer
+    )
+    assert 0.55 <= firm.moduli["G12"] < 20.0
+    assert (firm.moduli["E1"], firm.moduli["E2"]) == (330.0, 200.0)
+    assert np.isfinite(seen).all()
+
+    def never(one):
+        raise UnstableDrawError("no")
+
+    with pytest.raises(UnstableDrawError, match="try another seed"):
+        until_stable(soft, np.random.default_rng(0), never, firmer)
 
 
 def test_plies_share_their_rim():

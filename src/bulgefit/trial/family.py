@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
-from bulgefit.trial.fabric import UnstableDrawError
-from bulgefit.trial.make import TRIES, audible, noise_size, truth_of
+from bulgefit.trial.make import audible, noise_size, truth_of, until_stable
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_each
 
@@ -61,7 +60,7 @@ class Family:
     truth : dict
         `kind` (family), `effects` (of the cloth and of any specimen), `moduli` (MPa, the
         cloth's), `scatter`, `law` (`strain`, `warp_N_per_mm`, `fill_N_per_mm`), `specimens` (as
-        `make.Made` tells a test, with `name` and `factors`) and `nonce`.
+        `make.Made` tells a test, with `name` and `factors`), `interpolated` and `nonce`.
     """
 
     tests: tuple[BulgeTest, ...]
@@ -87,27 +86,21 @@ def make_family(
         if recipe.audible:
             drawn = [audible(one, rng.spawn(1)[0], recipe) for one in drawn]
         settings = [place(one, rng, recipe) for one in drawn]
-        for _ in range(TRIES):
-            try:
-                seen = [
-                    noise_free(one, setting, recipe.fineness)
-                    for one, setting in zip(drawn, settings, strict=True)
-                ]
-                each = [of_each(*pair) for pair in zip(drawn, settings, strict=True)]
-                break
-            except UnstableDrawError:
-                drawn = _firmer(drawn, rng)
-        else:
-            raise UnstableDrawError("made family: no stable fabric was drawn; try another seed")
+
+        def look(all_of_them: list[Draw]) -> list[tuple[Floats, Floats, dict[str, Any]]]:
+            pairs = zip(all_of_them, settings, strict=True)
+            return [(*noise_free(*pair, recipe.fineness), of_each(*pair)) for pair in pairs]
+
+        drawn, looks = until_stable(drawn, rng, look, _firmer)
         tests, specimens = [], []
-        for number, (one, setting) in enumerate(zip(drawn, settings, strict=True), start=1):
-            size, timed = noise_size(rng), has_clock(one, rng)
-            told = f"{name}_{number}"
-            test = record(setting, *seen[number - 1], size, rng, told, recipe, timed=timed)
+        parts = zip(drawn, settings, looks, factors, strict=True)
+        for number, (one, setting, (height, seen, each), pair) in enumerate(parts, start=1):
+            told, size, timed = f"{name}_{number}", noise_size(rng), has_clock(one, rng)
+            test = record(setting, height, seen, size, rng, told, recipe, timed=timed)
             tests.append(test)
-            factor = dict(zip(("warp", "fill"), factors[number - 1].tolist(), strict=True))
-            signatures = {"noise_mm": size, "signatures": each[number - 1]}
-            specimens.append({"name": told, "factors": factor, **truth_of(one), **signatures})
+            factor = {"warp": float(pair[0]), "fill": float(pair[1])}
+            more = {"name": told, "factors": factor, "noise_mm": size, "signatures": each}
+            specimens.append({**truth_of(one), **more})
     moduli = {**cloth.moduli, "G12": drawn[0].moduli["G12"]}
     truth = {
         "kind": "family",
@@ -116,6 +109,7 @@ def make_family(
         "scatter": cloth.scatter,
         "law": law_table(moduli, cloth.law, tests[0].thickness),
         "specimens": specimens,
+        "interpolated": recipe.interpolated,
         "nonce": rng.bytes(16).hex(),
     }
     return Family(tuple(tests), truth)

@@ -8,11 +8,13 @@ membrane's own law and equilibrium.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
@@ -23,10 +25,14 @@ from bulgefit.trial.known import SILENT
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_all, of_each
 
-__all__ = ["TRIES", "Made", "Recipe", "audible", "make_test", "noise_size", "truth_of"]
+__all__ = ["Made", "Recipe", "audible", "make_test", "noise_size", "truth_of", "until_stable"]
+
+Floats = NDArray[np.float64]
+Drawn = TypeVar("Drawn")
+Seen = TypeVar("Seen")
 
 #: Draws of a firmer fabric before giving up.
-TRIES = 12
+_TRIES = 12
 #: Standard deviations of the noise, mm.
 _IN_PLANE, _OUT_OF_PLANE = (5e-3, 9e-3), (10e-3, 18e-3)
 
@@ -78,16 +84,13 @@ def make_test(
         if recipe.audible:
             drawn = audible(drawn, rng.spawn(1)[0], recipe)
         setting = place(drawn, rng, recipe)
-        for _ in range(TRIES):
-            try:
-                height, seen = noise_free(drawn, setting, recipe.fineness)
-                signature = of_all(drawn, setting, seen, recipe.fineness)
-                each = of_each(drawn, setting)
-                break
-            except UnstableDrawError:
-                drawn = firmer(drawn, rng)
-        else:
-            raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+
+        def look(one: Draw) -> tuple[Floats, Floats, dict[str, Any]]:
+            height, seen = noise_free(one, setting, recipe.fineness)
+            whole = of_all(one, setting, seen, recipe.fineness)
+            return height, seen, {**whole, "signatures": of_each(one, setting)}
+
+        drawn, (height, seen, signature) = until_stable(drawn, rng, look, firmer)
         size = noise_size(rng)
         timed = has_clock(drawn, rng)
         test = record(setting, height, seen, size, rng, name, recipe, timed=timed)
@@ -96,27 +99,44 @@ def make_test(
         "noise_mm": size,
         "interpolated": recipe.interpolated,
         **signature,
-        "signatures": each,
         "nonce": rng.bytes(16).hex(),
     }
     return Made(test, truth)
 
 
+def until_stable(
+    drawn: Drawn,
+    rng: Generator,
+    look: Callable[[Drawn], Seen],
+    firm: Callable[[Drawn, Generator], Drawn],
+) -> tuple[Drawn, Seen]:
+    """What was drawn, made firmer until it has a stable shape at every pressure, and its look.
+
+    Raises
+    ------
+    UnstableDrawError
+        It has none even then.
+    """
+    for _ in range(_TRIES):
+        try:
+            return drawn, look(drawn)
+        except UnstableDrawError:  # noqa: PERF203
+            drawn = firm(drawn, rng)
+    raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+
+
 def audible(drawn: Draw, rng: Generator, recipe: Recipe) -> Draw:
     """The same with every cause as large as the noise, or as large as it was drawn at first.
 
-    Its size is what moduli and other causes cannot imitate of it, and of `SILENT` effects
-    they imitate all. A cause is taken to grow in proportion to its parameters.
+    Its size is what moduli and other causes cannot imitate of it, and of `SILENT` effects they
+    imitate all. A cause is taken to grow in proportion to its parameters.
+
+    Raises
+    ------
+    UnstableDrawError
     """
-    setting, firm = place(drawn, rng, recipe), drawn
-    for _ in range(TRIES):
-        try:
-            each = of_each(firm, setting)
-            break
-        except UnstableDrawError:
-            firm = firmer(firm, rng)
-    else:
-        raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+    setting = place(drawn, rng, recipe)
+    _, each = until_stable(drawn, rng, lambda one: of_each(one, setting), firmer)
     loudest = float(np.sqrt(2 * _IN_PLANE[1] ** 2 + _OUT_OF_PLANE[1] ** 2))
     for effect, worth in each.items():
         if effect not in SILENT and worth["signature_left_mm"] < loudest:
