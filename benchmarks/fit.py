@@ -51,7 +51,7 @@ def make(file: Path, points: int, frames: int, truth: dict[str, float], refine: 
     from bulgefit.fem.membrane import Membrane
     from bulgefit.fem.mesh import disc
     from bulgefit.fem.trace import trace
-    from bulgefit.model.observation import observe
+    from bulgefit.model.observation import operators
     from bulgefit.model.parameters import material
 
     mesh = disc(100.0, refine)
@@ -61,7 +61,7 @@ def make(file: Path, points: int, frames: int, truth: dict[str, float], refine: 
     radius = 97 * np.sqrt((np.arange(points) + 0.5) / points)
     angle = np.pi * (1 + 5**0.5) * np.arange(points)
     where = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(points)])
-    operator, nodal = observe(mesh, where), path(pressure)
+    operator, nodal = operators(mesh, where, "shape"), path(pressure)
     seen = np.empty((frames, points, 3), dtype=np.float32)
     for i in range(frames):
         seen[i] = operator(nodal[i : i + 1])[0]

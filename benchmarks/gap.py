@@ -26,15 +26,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bulgefit.model.places import KNEE, applied_pressure
 from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.measure import gap_of, weight_of
 from bulgefit.gap.regress import Regression
+from bulgefit.gap.specimen import Specimen
 from bulgefit.model.camera import flattened
-from bulgefit.model.places import KNEE, applied_pressure
-from bulgefit.model.specimen import Specimen
 
 TESTS = (1, 2, 4)
 #: Strain of the secant stiffness: half of what the tests reach.

@@ -26,9 +26,10 @@ from bulgefit.fitting.evaluate import cross_table, evaluate
 from bulgefit.fitting.fit import stability
 from bulgefit.fitting.objective import Objective, displacement_weight
 from bulgefit.fitting.result import FitResult
-from bulgefit.model.observation import METHODS, observe
+from bulgefit.model.observation import METHODS, operators
 from bulgefit.model.parameters import Material, material
-from bulgefit.model.virtual_test import Setup, VirtualTests
+from bulgefit.model.predict import predict
+from bulgefit.model.setup import Setup
 from bulgefit.parallel.threads import one_blas_thread
 
 HERE = Path(__file__).resolve().parents[1]
@@ -325,11 +326,11 @@ def evaluation(study: Study) -> list[str]:
     points = test.blocks[0].reference
     setups = {name: replace(study.setup, evaluation=name) for name in METHODS}
     setups["rbf, dense output"] = replace(study.setup, interpolation="dense")
-    base = VirtualTests([test], study.setup).predict(at)[0][0]
+    base = predict(test, at, setup=study.setup).displacement
     rows = []
     for name, setup in setups.items():
         build, apply = operator_cost(study, test, setup.evaluation)
-        difference = VirtualTests([test], setup).predict(at)[0][0] - base
+        difference = predict(test, at, setup=setup).displacement - base
         values = evaluate(test, at, weight=WEIGHTS, setup=setup)
         rows.append(
             (
@@ -370,7 +371,7 @@ def operator_cost(study: Study, test: BulgeTest, method: str) -> tuple[float, fl
     build = apply = np.inf
     for _ in range(3):
         began = time.perf_counter()
-        operator = observe(study.mesh, points, method)
+        operator = operators(study.mesh, points, method)
         built = time.perf_counter()
         operator(nodal)
         build = min(build, built - began)

@@ -21,7 +21,7 @@ import numpy as np
 
 from bulgefit import InputError, disc, simulate
 from bulgefit.files import atomic_write_bytes
-from bulgefit.model.observation import observe
+from bulgefit.model.observation import operators
 from bulgefit.trial.make import Recipe, make_test
 
 #: MPa and 1. Stable up to the highest pressure, without wrinkles.
@@ -100,7 +100,7 @@ def _seen(points: np.ndarray, refine: int) -> np.ndarray:
     made = simulate(TRUTH, PRESSURE, mesh=disc(RADIUS, refine), thickness=THICKNESS)
     if not made.stable or made.wrinkled.any():
         raise InputError("the example leaves the range in which its fabric is stable and taut")
-    return observe(made.mesh, points)(made.displacement)
+    return operators(made.mesh, points, "shape")(made.displacement)
 
 
 def _points(rng: np.random.Generator) -> np.ndarray:

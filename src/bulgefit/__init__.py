@@ -21,9 +21,13 @@ if TYPE_CHECKING:
     from bulgefit.fitting.crossval import crossval as crossval
     from bulgefit.fitting.evaluate import evaluate as evaluate
     from bulgefit.fitting.fit import fit as fit
+    from bulgefit.fitting.options import FitOptions as FitOptions
+    from bulgefit.fitting.problem import Prior as Prior
     from bulgefit.gap.diagnosis import diagnose as diagnose
     from bulgefit.model.parameters import Material as Material
     from bulgefit.model.parameters import material as material
+    from bulgefit.model.predict import predict as predict
+    from bulgefit.model.setup import Setup as Setup
     from bulgefit.model.simulation import Simulation as Simulation
     from bulgefit.model.simulation import simulate as simulate
     from bulgefit.report.fields import plot_fields as plot_fields
@@ -45,6 +49,10 @@ _HOMES = {
     "evaluate": "bulgefit.fitting.evaluate",
     "fit": "bulgefit.fitting.fit",
     "material": "bulgefit.model.parameters",
+    "FitOptions": "bulgefit.fitting.options",
+    "Prior": "bulgefit.fitting.problem",
+    "Setup": "bulgefit.model.setup",
+    "predict": "bulgefit.model.predict",
     "plot_fields": "bulgefit.report.fields",
     "plot_profiles": "bulgefit.report.profiles",
     "plot_residuals": "bulgefit.report.residuals",

@@ -11,7 +11,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 40.0}
 EFFECTS = ["--effects", "rigid_motion,pressure_gain"]
@@ -181,7 +181,9 @@ def test_a_held_out_test_that_is_too_small_is_refused_at_once(folder, capsys, mo
 
 
 def test_unknown_law(folder, capsys):
-    refused(capsys, "law: 'hook' is unknown; choose from hencky, svk", "good.npz", "--law", "hook")
+    refused(
+        capsys, "law: 'hook' is unknown; choose from hencky, svk, yarn", "good.npz", "--law", "hook"
+    )
 
 
 def test_no_test(capsys):

@@ -14,7 +14,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
-from bulgefit.model.observation import observe
+from bulgefit.model.observation import operators
 from bulgefit.model.simulation import simulate
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
@@ -43,7 +43,7 @@ def arrays():
     points = points[np.hypot(*points.T) < 90]
     pressure = np.array([0.02, 0.06, 0.12, 0.2])
     mesh = disc(100.0, REFINE)
-    seen = observe(mesh, points)(simulate(TRUTH, pressure, mesh=mesh).displacement)
+    seen = operators(mesh, points, "shape")(simulate(TRUTH, pressure, mesh=mesh).displacement)
     seen += rng.normal(0, [0.005, 0.005, 0.012], seen.shape)
     seen[1, 5] = np.nan
     return {
@@ -232,7 +232,7 @@ COMPARISON = {
     "max pressure nan": (["--max-pressure", "nan"], "--max-pressure nan: give a pressure above 0"),
     "max pressure below": (["--max-pressure", "-1"], "--max-pressure -1: give a pressure above 0"),
     "max pressure": (["--max-pressure", "0.01"], "--max-pressure 0.01: every frame of good"),
-    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
+    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk, yarn"),
     "mesh": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),
     "mesh of another radius": (["--mesh", "mesh.npz"], "its rim lies 50 to 50 mm from the centre"),
     "mesh elsewhere": (["--mesh", "beside.npz"], "its rim lies 23.7393 to 99.1788 mm from the"),

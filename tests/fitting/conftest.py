@@ -11,9 +11,9 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
-from bulgefit.model.observation import observe
+from bulgefit.model.observation import operators
 from bulgefit.model.parameters import Material, material
-from bulgefit.model.virtual_test import Setup
+from bulgefit.model.setup import Setup
 from bulgefit.parallel.threads import one_blas_thread
 
 #: The mesh of the fits: 228 cells.
@@ -41,7 +41,7 @@ def _make(
     radius = 95 * np.sqrt((np.arange(points) + 0.5) / points)
     angle = np.pi * (1 + 5**0.5) * np.arange(points)
     where = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(points)])
-    seen = observe(mesh, where)(path(pressure))
+    seen = operators(mesh, where, "shape")(path(pressure))
     seen += rng.normal(0, noise, seen.shape) if noise else 0.0
     return BulgeTest.from_arrays(where, seen, pressure, name=name, poisson_ratio=poisson_ratio)
 

@@ -15,7 +15,7 @@ from bulgefit.fitting.bootstrap import Bootstrap, _drawn, bootstrap
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.objective import Objective
 from bulgefit.model.parameters import material
-from bulgefit.model.virtual_test import Setup
+from bulgefit.model.setup import Setup
 from bulgefit.parallel.workers import open_executor
 
 Maker = Callable[..., BulgeTest]

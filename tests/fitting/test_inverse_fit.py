@@ -23,7 +23,7 @@ from bulgefit.fitting.objective import Objective, TestParts
 from bulgefit.fitting.problem import Evaluation, Problem
 from bulgefit.fitting.result import FitResult, Stability
 from bulgefit.model.parameters import free_parameters, material
-from bulgefit.model.virtual_test import Setup
+from bulgefit.model.setup import Setup
 
 Maker = Callable[..., BulgeTest]
 

@@ -14,7 +14,7 @@ from bulgefit.fitting.evaluate import cross_table, evaluate, evaluate_resting
 from bulgefit.fitting.objective import OBJECTIVES, Objective, displacement_weight
 from bulgefit.fitting.problem import Problem
 from bulgefit.model.parameters import material
-from bulgefit.model.virtual_test import Setup, apex_blocks
+from bulgefit.model.setup import Setup
 
 NAN = np.nan
 REFERENCE = [[0.0, 1.0, 0.0], [30.0, 0.0, 0.0], [0.0, -40.0, 0.0]]

@@ -22,7 +22,7 @@ from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.result import FitResult
-from bulgefit.model.virtual_test import Setup
+from bulgefit.model.setup import Setup
 from bulgefit.parallel.parcels import sent_once
 from bulgefit.parallel.processes import Processes
 from bulgefit.parallel.spread import spread

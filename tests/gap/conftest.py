@@ -9,7 +9,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import Data
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 
 SIGMA = np.array([0.006, 0.006, 0.012])
 

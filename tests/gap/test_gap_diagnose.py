@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.noise import estimate_noise
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
 from bulgefit.gap.keys import at_edge
-from bulgefit.gap.noise import estimate_noise
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}

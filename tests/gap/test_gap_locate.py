@@ -10,7 +10,8 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.regress import Regression
-from bulgefit.model.specimen import Prediction, Specimen
+from bulgefit.gap.specimen import Specimen
+from bulgefit.model.virtual_test import Prediction
 
 BARS = np.linspace(0.1, 2.5, 12)
 GROWTH = {

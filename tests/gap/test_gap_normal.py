@@ -11,7 +11,8 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import FOLDS, Data
 from bulgefit.gap.effects import FIELD
 from bulgefit.gap.normal import normal_equations
-from bulgefit.model.specimen import Prediction, Specimen
+from bulgefit.gap.specimen import Specimen
+from bulgefit.model.virtual_test import Prediction
 
 KEYS = ("E1", "E2", "rigid_motion.rotation_x")
 #: Pressure (bar) at which half of the offsets shows.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bulgefit.gap.noise import outliers
+from bulgefit.dic.noise import outliers
 
 SIGMA = np.array([0.006, 0.006, 0.015])
 

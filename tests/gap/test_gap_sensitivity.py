@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fem.clamp import LEAST_COMPLIANCE
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 
 MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
 #: One parameter set with every effect on, so that cross terms are tested too.

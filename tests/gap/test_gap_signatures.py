@@ -12,8 +12,8 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.separate import cosine_matrix, norms_left
+from bulgefit.gap.specimen import Specimen
 from bulgefit.gap.universe import Universe
-from bulgefit.model.specimen import Specimen
 
 VALUES = {"E1": 330.0, "E2": 200.0, "G12": 12.0}
 EFFECTS = [e for e in CATALOGUE.values() if e.id not in ("creep", "reference_state")]

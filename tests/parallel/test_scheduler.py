@@ -16,7 +16,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.dic.writers import write_test
 from bulgefit.fem.mesh import disc
-from bulgefit.model.observation import observe
+from bulgefit.model.observation import operators
 from bulgefit.model.simulation import simulate
 from bulgefit.parallel import cluster as dask
 from bulgefit.trial import run as trial
@@ -35,7 +35,7 @@ def tests_made(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     points = rng.uniform(-60, 60, (60, 2))
     pressure = np.array([0.05, 0.1, 0.2])
     mesh = disc(100.0, 2)
-    seen = observe(mesh, points)(simulate(TRUTH, pressure, mesh=mesh).displacement)
+    seen = operators(mesh, points, "shape")(simulate(TRUTH, pressure, mesh=mesh).displacement)
     files = []
     for i in range(2):
         files.append(str(tmp_path_factory.mktemp("made") / f"test{i}.npz"))

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from bulgefit.dic import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import diagnose
-from bulgefit.model.specimen import Specimen
+from bulgefit.gap.specimen import Specimen
 from bulgefit.report import _diagnosis_words as words
 from bulgefit.report._diagnosis_charts import budget, plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where

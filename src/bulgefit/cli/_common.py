@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_json_arguments",
     "add_material_arguments",
+    "add_mesh_error_argument",
     "add_scheduler_argument",
     "add_solver_arguments",
     "add_workers_argument",
@@ -115,8 +116,19 @@ def add_law_argument(group: argparse._ArgumentGroup) -> None:
         "--law",
         default="hencky",
         metavar="LAW",
-        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
-        "(svk) (default: hencky)",
+        help="stress linear in the logarithmic strain (hencky), in the Green-Lagrange strain (svk) "
+        "or in the strains of the yarns and their angle (yarn), or the law of another package by "
+        "its name (default: hencky)",
+    )
+
+
+def add_mesh_error_argument(group: argparse._ActionsContainer) -> None:
+    """Add --keep-mesh-error."""
+    group.add_argument(
+        "--keep-mesh-error",
+        action="store_true",
+        help="do not take the error of bulgefit's own mesh off (default: it is estimated from a "
+        "finer mesh and taken off; that of a --mesh stays)",
     )
 
 

@@ -7,6 +7,14 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
+from bulgefit.cli._effects import (
+    add_effect_arguments,
+    add_freeing_arguments,
+    held_from,
+    priors_from,
+    uncertainty_from,
+    with_from,
+)
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bulgefit.dic import BulgeTest
-    from bulgefit.model.virtual_test import Setup
+    from bulgefit.model.setup import Setup
 
 __all__ = [
     "add_comparison_arguments",
@@ -44,17 +52,24 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--evaluation",
-        default="shape",
+        default=None,
         metavar="HOW",
-        help="fields at the measured points by the cells' shape functions (shape), the study's "
-        "radial basis functions (rbf) or the same on near nodes (local-rbf) (default: shape)",
+        help="fields at the measured points by splines through the nodes (smooth), the cells' "
+        "shape functions (shape), the study's radial basis functions (rbf) or the same on near "
+        "nodes (local-rbf) (default: smooth)",
     )
     group.add_argument(
         "--interpolation",
-        default="dense",
+        default=None,
         metavar="HOW",
         help="in pressure: dense output of the path (dense), or linear between the study's 200 "
         "levels (study) (default: dense)",
+    )
+    group.add_argument(
+        "--study",
+        action="store_true",
+        help="the published study's way: --evaluation rbf --interpolation study, the mesh's error "
+        "left in (give its mesh with --mesh)",
     )
     group.add_argument(
         "--max-pressure",
@@ -62,6 +77,7 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAR",
         help="leave frames above this pressure (bar) out (default: all frames)",
     )
+    _common.add_mesh_error_argument(group)
 
 
 def add_search_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +88,8 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         default="e_w",
         metavar="NAME",
         help="e: mean |dx| + |dy| + |dz| deviation; e_w: the same with dz weighted; e_z: |dz| at "
-        "the point nearest the centre; all in mm (default: e_w)",
+        "the point nearest the centre, all in mm; likelihood: Gaussian, with the noise's own size "
+        "and correlation (default: e_w)",
     )
     group.add_argument(
         "--material",
@@ -96,7 +113,9 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         "--bounds",
         default="",
         metavar="E1=LOW:HIGH,...",
-        help="bounds in MPa (default: the study's, E1=100:400,E2=50:300,G12=2:10)",
+        help="bounds, of moduli in MPa (default: from the apex of the tests, an eighth to eight "
+        "times the modulus that it implies, G12 down to a two hundredth; what is plausible of "
+        "effects)",
     )
     group.add_argument(
         "--starts", type=int, default=5, metavar="N", help="scrambled-Sobol starts (default: 5)"
@@ -125,6 +144,8 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="stop where the objective falls by less than this part (default: 1e-6)",
     )
+    add_effect_arguments(parser)
+    add_freeing_arguments(parser)
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)
 
@@ -133,7 +154,7 @@ def inputs(args: argparse.Namespace) -> list[Path]:
     """The files that are read: of tests and, if given, a mesh and a held-out test."""
     from bulgefit.cli.tests_in import files_read
 
-    others = [getattr(args, name, None) for name in ("mesh", "holdout")]
+    others = [getattr(args, name, None) for name in ("mesh", "holdout", "from_file")]
     return files_read([*args.tests, *others])
 
 
@@ -177,11 +198,15 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     free = [name for name in args.free.split(",") if name]
+    held = {**_held(args, free), **held_from(args, len(args.tests))}
     return {
         "material": args.material,
         "free": free,
         "bounds": _bounds(args.bounds),
-        "held": _held(args, free),
+        "held": held,
+        "effects": with_from(args),
+        "priors": priors_from(args),
+        "uncertainty": uncertainty_from(args),
         "starts": args.starts,
         "seed": args.seed,
         "method": args.method,
@@ -205,13 +230,16 @@ def _held(args: argparse.Namespace, free: Sequence[str]) -> dict[str, float]:
 
 def _setup(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> Setup:
     from bulgefit.fem.mesh import DEFAULT_REFINE
-    from bulgefit.model.virtual_test import Setup
+    from bulgefit.model.setup import Setup
 
+    if args.study and (args.evaluation or args.interpolation):
+        raise InputError("--study and --evaluation or --interpolation do not go together")
     return Setup(
         mesh=_common.mesh_from(args, tests[0].radius) if args.mesh is not None else None,
         refine=DEFAULT_REFINE if args.refine is None else args.refine,
-        evaluation=args.evaluation,
-        interpolation=args.interpolation,
+        evaluation=args.evaluation or ("rbf" if args.study else "smooth"),
+        interpolation=args.interpolation or ("study" if args.study else "dense"),
+        correct_mesh=not (args.study or args.keep_mesh_error),
         **_common.solver_options(args),
     )
 

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from bulgefit.cli import _common, _fitting
+from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="judge a model that does not deform, instead of a material",
     )
+    add_effect_arguments(parser)
     _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
@@ -59,8 +61,9 @@ def run(args: argparse.Namespace) -> int:
     else:
         given = args.nu12 is not None or args.nu is not None or args.G is not None
         ratio = tests[0].poisson_ratio if given else stated_ratio(tests)
+        take_found_moduli(args)
         material = _common.material_from(args, ratio)
-        result = evaluate(tests, material, **options)
+        result = evaluate(tests, material, effects=held_from(args, len(tests)), **options)
     _common.deliver(args, result, _table(result))
     return 0
 

@@ -197,7 +197,8 @@ def _draw(
     tests: list[BulgeTest],
     figures: list[tuple[Path, Path]],
 ) -> None:
-    from bulgefit.model.virtual_test import Setup, VirtualTests
+    from bulgefit.model.predict import predict
+    from bulgefit.model.setup import Setup
     from bulgefit.report.profiles import plot_profiles
     from bulgefit.report.residuals import plot_residuals
 
@@ -208,7 +209,10 @@ def _draw(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--plots {folder}: cannot be made ({error.strerror})") from error
-    predictions = VirtualTests(tests, setup).predict(result.material)
+    predictions = [
+        predict(test, result.material, effects=result.effects_of(i), setup=setup).blocks
+        for i, test in enumerate(tests)
+    ]
     values = ", ".join(f"{k} {v:.4g}" for k, v in result.material.values.items())
     label = f"{result.objective} fit: {values}"
     for test, prediction, (profiles, residuals) in zip(tests, predictions, figures, strict=True):

@@ -22,6 +22,7 @@ __all__ = ["VERBS", "main"]
 #: line stands here so that --help need not import the modules.
 VERBS = {
     "simulate": ("bulgefit.cli.simulate", "inflate a membrane of known material"),
+    "formats": ("bulgefit.cli.formats", "list the files that are read, with a line of each"),
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
+from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 
@@ -66,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="warp turned from x in degrees, counter-clockwise seen from +z (default: 0)",
     )
+    add_effect_arguments(parser)
     _common.add_solver_arguments(parser)
+    _common.add_mesh_error_argument(parser)
     _common.add_json_arguments(parser)
     parser.add_argument(
         "--output",
@@ -85,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write and print."""
     pressures = _pressures(args.pressure)
     _check_outputs(args, len(pressures))
+    take_found_moduli(args)
     material = _common.material_from(args)
     radius = _positive(args.radius, "--radius", "mm")
     _positive(args.thickness, "--thickness", "mm")
@@ -93,21 +97,28 @@ def run(args: argparse.Namespace) -> int:
 
     import numpy as np
 
+    from bulgefit.fem.mesh import DEFAULT_REFINE
     from bulgefit.model.simulation import simulate
 
-    mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
-    reach = float(np.hypot(*mesh.nodes.T).max())
-    if radius is not None and abs(reach - radius) > 0.01 * radius:
-        raise InputError(
-            f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
-            "leave --radius out or scale the mesh"
-        )
+    mesh = None
+    if args.mesh is not None:
+        mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
+        reach = float(np.hypot(*mesh.nodes.T).max())
+        if radius is not None and abs(reach - radius) > 0.01 * radius:
+            raise InputError(
+                f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
+                "leave --radius out or scale the mesh"
+            )
     result = simulate(
         material,
         np.array(pressures) / 10.0,
         mesh=mesh,
+        refine=DEFAULT_REFINE if args.refine is None else args.refine,
+        correct_mesh=not args.keep_mesh_error,
+        radius=radius or _USUAL_RADIUS,
         thickness=args.thickness,
         angle=args.angle,
+        effects=held_from(args),
         **_common.solver_options(args),
     )
     _common.deliver(
@@ -226,6 +237,8 @@ def _payload(
         "stable": result.stable,
         "wrinkled_points": result.wrinkled,
         "error_estimate_mm": result.error,
+        "mesh_error_taken_off_mm": result.mesh_error_taken_off,
+        "mesh_error_mm": result.mesh_error,
         "material": result.material.kind,
         "parameters": _common.named_values(result.material),
         "law": result.membrane.law,
@@ -244,6 +257,8 @@ def _payload(
             "pressure_bar": "bar",
             "apex_mm": "mm",
             "error_estimate_mm": "mm",
+            "mesh_error_taken_off_mm": "mm",
+            "mesh_error_mm": "mm",
             "seconds": "s",
             "radius_mm": "mm",
             "thickness_mm": "mm",
@@ -275,6 +290,12 @@ def _table(result: Simulation, pressures: list[float]) -> str:
         for p, apex, w in zip(pressures, result.apex, result.wrinkled, strict=True)
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
+    if result.mesh_error_taken_off is not None:
+        left = "unknown" if result.mesh_error is None else f"{1000 * result.mesh_error:.2g} µm"
+        lines.append(
+            f"mesh: up to {1000 * result.mesh_error_taken_off:.2g} µm of its error taken off, "
+            f"{left} left"
+        )
     if not result.stable:
         lines.append(
             "on this path the tangent is not positive definite somewhere: not all shapes are stable"

@@ -25,7 +25,7 @@ __all__ = ["compiled", "inlined", "inner", "merged"]
 _SHARED = (
     "jit.py",
     "geometry.py",
-    "laws.py",
+    "laws/*.py",
     "relaxation.py",
     "lanes.py",
     "cells.py",
@@ -33,7 +33,11 @@ _SHARED = (
 )
 
 _SOURCES = hashlib.sha256(
-    b"".join((Path(__file__).parent / name).read_bytes() for name in _SHARED)
+    b"".join(
+        path.read_bytes()
+        for pattern in _SHARED
+        for path in sorted(Path(__file__).parent.glob(pattern))
+    )
 ).hexdigest()
 
 #: Division by zero gives an infinity, as in numpy. Sums may be reordered and fused for speed;

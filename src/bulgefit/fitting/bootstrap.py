@@ -10,20 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
-from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.result import FitResult
-from bulgefit.model.parameters import Parameter
 
 __all__ = ["Bootstrap", "bootstrap"]
 
@@ -144,7 +143,7 @@ def bootstrap(
     if not 0.0 < level < 1.0:
         raise InputError(f"bootstrap: the level lies between 0 and 1, got {level:g}")
     refits = _Refits(_problem(found, given), seed, length)
-    start = refits.base.coordinates(found.material.values)
+    start = refits.base.coordinates({**found.material.values, **found.effects})
     results = descents(
         refits,
         [(i, start) for i in range(replicates)],
@@ -198,14 +197,10 @@ def _block_length(tests: Sequence[BulgeTest], block: int | None) -> int:
 
 
 def _problem(found: FitResult, tests: Sequence[BulgeTest]) -> Problem:
-    """The problem that was solved, from what its result tells."""
-    objective = Objective(
-        tests,
-        found.objective,
-        found.setup,
-        weight=found.weights,
-        average=found.settings["average"],
-    )
+    """The problem that was solved, with the mesh's error taken off as it is at its optimum."""
     free = {p.name: (p.lower, p.upper) for p in found.free}
-    held = {name: v for name, v in found.material.values.items() if name not in free}
-    return Problem(objective, found.material.kind, free=free, bounds=free, held=held)
+    problem = replace(found.options, bounds=free, weight=found.weights).problem(tests)
+    if problem.objective.setup.corrects_mesh:
+        z = problem.coordinates({**found.material.values, **found.effects})
+        problem.objective.correct_mesh(problem.shapes(z))
+    return problem

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,32 +13,26 @@ import numpy as np
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.evaluate import evaluate
-from bulgefit.fitting.minimise import GAUSS_NEWTON, Descent, Limits
+from bulgefit.fitting.fit import corrected_at_start, polished
+from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.multistart import best_of, descents, starting_points
-from bulgefit.fitting.objective import OBJECTIVES, Objective, displacement_weight
+from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES, displacement_weight
+from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem
-from bulgefit.model.virtual_test import Setup
+from bulgefit.fitting.result import FORMAT, bounded
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["crossval"]
 
 
 def crossval(
     tests: Sequence[BulgeTest],
-    objective: str = "e_w",
+    objective: str | None = None,
     *,
-    material: str = "orthotropic",
-    free: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    held: Mapping[str, float] | None = None,
-    weight: float | Sequence[float] | None = None,
-    average: str = "points",
-    setup: Setup | None = None,
-    starts: int = 5,
-    seed: int = 0,
-    method: str = GAUSS_NEWTON,
-    limits: Limits | None = None,
+    options: FitOptions | None = None,
     executor: Executor | None = None,
     workers: int = 1,
+    **changes: Any,
 ) -> dict[str, Any]:
     """Leave-one-test-out cross-validation, as JSON types.
 
@@ -47,48 +42,44 @@ def crossval(
     ----------
     tests : sequence of BulgeTest
         Two or more.
-    weight : float, optional
-        Of dz in e_w; default: from all tests, the same in every fold.
-    objective, material, free, bounds, held, average, setup, starts, seed, method, limits
-        As `fit` takes them.
-    executor, workers
-        As `fit` takes them.
+    objective, options, executor, workers, **changes
+        As `fit` takes them; the weight of dz in e_w is that of all tests in every fold.
 
     Returns
     -------
     dict
-        "folds": per test left out, the parameters, the training value and every objective of the
-        test left out (mm); "mean": their mean and standard deviation over folds.
+        "folds": per test left out, the parameters, those at a bound, the training value and every
+        objective of the test left out (mm); "mean": their mean and standard deviation over folds.
+
+    Raises
+    ------
+    InputError
+        Fewer than two tests, or what a fit refuses.
     """
     if len(tests) < 2:
         raise InputError(f"cross-validation needs two tests or more, got {len(tests)}")
-    comparison: dict[str, Any] = {
-        "weight": displacement_weight(tests) if weight is None else weight,
-        "average": average,
-        "setup": setup,
-    }
-    parameters: dict[str, Any] = {
-        "kind": material,
-        "free": tuple(free),
-        "bounds": bounds,
-        "held": held,
-    }
+    if objective is not None:
+        changes["objective"] = objective
+    chosen = options_from(options, changes)
+    if chosen.weight is None:
+        chosen = replace(chosen, weight=displacement_weight(tests))
     # in one problem first: what stands against that, such as ratios that differ, stands against all
-    Problem(Objective(tests, objective, **comparison), **parameters)
-    folds = _Folds(tests, objective, comparison, parameters)
-    points = starting_points(folds[0].size, starts, seed)
+    chosen.problem(tests)
+    folds = _Folds(tests, chosen)
+    points = starting_points(len(folds[0].scattered), chosen.starts, chosen.seed)
     found = descents(
         folds,
-        [(i, point) for i in range(len(tests)) for point in points],
-        method=method,
-        limits=limits,
+        [(i, folds[i].start(point)) for i in range(len(tests)) for point in points],
+        method=chosen.method,
+        limits=chosen.limits,
         executor=executor,
         workers=workers,
     )
+    each = len(points)
     return _summary(
-        objective,
+        chosen.objective,
         [
-            _fold(left_out, folds[i], found[i * starts : (i + 1) * starts], comparison)
+            _fold(left_out, folds[i], found[i * each : (i + 1) * each], chosen)
             for i, left_out in enumerate(tests)
         ],
     )
@@ -97,14 +88,8 @@ def crossval(
 class _Folds:
     """The problem of each fold, made when it is first asked for, in whatever process."""
 
-    def __init__(
-        self,
-        tests: Sequence[BulgeTest],
-        objective: str,
-        comparison: Mapping[str, Any],
-        parameters: Mapping[str, Any],
-    ) -> None:
-        self._given = tuple(tests), objective, comparison, parameters
+    def __init__(self, tests: Sequence[BulgeTest], options: FitOptions) -> None:
+        self._given = tuple(tests), options
         self._made: dict[int, Problem] = {}
         self._lock = threading.Lock()
 
@@ -112,32 +97,42 @@ class _Folds:
         return _Folds, self._given
 
     def __getitem__(self, index: int) -> Problem:
-        tests, objective, comparison, parameters = self._given
+        tests, options = self._given
         with self._lock:
             if index not in self._made:
-                others = tests[:index] + tests[index + 1 :]
-                target = Objective(others, objective, **comparison)
-                self._made[index] = Problem(target, **parameters)
+                problem = options.problem(tests[:index] + tests[index + 1 :])
+                with one_blas_thread():
+                    corrected_at_start(problem)
+                self._made[index] = problem
             return self._made[index]
 
 
 def _fold(
-    left_out: BulgeTest,
-    problem: Problem,
-    found: Sequence[Descent],
-    comparison: Mapping[str, Any],
+    left_out: BulgeTest, problem: Problem, found: Sequence[Descent], options: FitOptions
 ) -> dict[str, Any]:
     """What the others' parameters are, and what the test left out says of them."""
-    best, material = best_of(problem, found)
+    best, _ = best_of(problem, found)
+    with one_blas_thread():
+        last = polished(problem, problem.coordinates(best.values), options).best
+    material = problem.material(problem.coordinates(last.values))
+    shared = problem.effects(problem.coordinates(last.values))
     try:
-        judged = evaluate(left_out, material, **comparison)
+        judged = evaluate(
+            left_out,
+            material,
+            effects={name: value for name, value in shared.items() if "@" not in name},
+            weight=options.weight,
+            average=options.average,
+            setup=options.setup,
+        )
     except SolveError:
         # the others' parameters need not reach this test's pressures
         judged = dict.fromkeys(OBJECTIVES)
     return {
         "left_out": left_out.name,
-        "parameters": dict(material.values),
-        "training": {"objective": problem.objective.name, "value": best.value},
+        "parameters": {**material.values, **shared},
+        "at_bound": [p.name for p in problem.free if bounded(p, last.values[p.name])],
+        "training": {"objective": problem.objective.name, "value": last.value},
         "left_out_objectives": {k: judged[k] for k in OBJECTIVES},
         "evaluations": sum(len(d.history) for d in found),
         "failures": sum(d.failures for d in found),
@@ -145,10 +140,13 @@ def _fold(
 
 
 def _summary(objective: str, folds: list[dict[str, Any]]) -> dict[str, Any]:
-    scores = [fold["left_out_objectives"][objective] for fold in folds]
+    judged = OBJECTIVES[0] if objective == LIKELIHOOD else objective
+    scores = [fold["left_out_objectives"][judged] for fold in folds]
     seen = [s for s in scores if s is not None]
     return {
+        "format": FORMAT,
         "objective": objective,
+        "judged_by": judged,
         "unit": "mm",
         "folds": folds,
         "mean": float(np.mean(seen)) if seen else None,

@@ -9,9 +9,10 @@ from typing import Any
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.fitting.result import describe_tests, versions
-from bulgefit.model.parameters import Material
-from bulgefit.model.virtual_test import Setup
+from bulgefit.fitting.result import FORMAT, describe_tests, versions
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.parameters import Material, as_material
+from bulgefit.model.setup import Setup
 from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["cross_table", "evaluate", "evaluate_resting"]
@@ -19,13 +20,21 @@ __all__ = ["cross_table", "evaluate", "evaluate_resting"]
 
 def evaluate(
     tests: BulgeTest | Sequence[BulgeTest],
-    material: Material,
+    material: Material | Mapping[str, float],
     *,
+    effects: Mapping[str, float] | None = None,
     weight: float | Sequence[float] | None = None,
     average: str = "points",
     setup: Setup | None = None,
 ) -> dict[str, Any]:
     """Every objective of a material on the tests, as JSON types (mm).
+
+    Parameters
+    ----------
+    material : Material or mapping
+        Or E1, E2, G12 (MPa) and nu12 of an orthotropic one.
+    effects : mapping of `effect.parameter` to value, optional
+        What else the tests have; `effect.parameter@i` is test i's own.
 
     Raises
     ------
@@ -35,9 +44,30 @@ def evaluate(
         The membrane finds no equilibrium.
     """
     objective = _objective(tests, weight, average, setup)
+    made = as_material(material, objective.tests[0].poisson_ratio)
     with one_blas_thread():
-        parts = objective.parts(objective.virtual.fields(material))
-    return {"parameters": dict(material.values), **_payload(objective, parts)}
+        parts = objective.parts(_shapes(objective, made, effects or {}))
+    payload = {"parameters": dict(made.values), **_payload(objective, parts)}
+    return {**payload, "effects": dict(effects)} if effects else payload
+
+
+def _shapes(objective: Objective, material: Material, effects: Mapping[str, float]) -> list[Shapes]:
+    """Corrected for the mesh's error, where the setup asks for that."""
+    values = [{**material.constants(), **_own(effects, i)} for i in range(len(objective.tests))]
+    shapes = objective.shapes(values)
+    if objective.setup.corrects_mesh:
+        objective.correct_mesh(shapes)
+    return shapes
+
+
+def _own(effects: Mapping[str, float], test: int) -> dict[str, float]:
+    """Of one test among several."""
+    out = {}
+    for name, value in effects.items():
+        key, at, index = name.partition("@")
+        if not at or index == str(test):
+            out[key] = value
+    return out
 
 
 def evaluate_resting(
@@ -49,7 +79,7 @@ def evaluate_resting(
 ) -> dict[str, Any]:
     """Every objective of a model that does not deform (the study's Table 5), mm."""
     objective = _objective(tests, weight, average, setup)
-    return _payload(objective, objective.parts(objective.resting()))
+    return _payload(objective, objective.parts(None))
 
 
 def cross_table(
@@ -77,15 +107,15 @@ def cross_table(
 
     def row(material: Material) -> dict[str, float | None]:
         try:
-            fields = objective.virtual.fields(material)
+            shapes = _shapes(objective, material, {})
         except SolveError:
             # an optimum over fewer pressures need not reach those of this table
             return dict.fromkeys(OBJECTIVES)
-        return objective.combined(objective.parts(fields))
+        return objective.combined(objective.parts(shapes))
 
     with one_blas_thread():
         table = {name: row(material) for name, material in optima.items()}
-    return table | {"undeformed": objective.combined(objective.parts(objective.resting()))}
+    return table | {"undeformed": objective.combined(objective.parts(None))}
 
 
 def _objective(
@@ -100,6 +130,7 @@ def _objective(
 
 def _payload(objective: Objective, parts: Sequence[TestParts]) -> dict[str, Any]:
     return {
+        "format": FORMAT,
         **objective.combined(parts),
         "weight": objective.weight,
         "weights": objective.weights.tolist(),

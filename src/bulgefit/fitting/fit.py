@@ -1,72 +1,59 @@
-"""Fit material parameters to bulge tests."""
+"""Fit parameters to bulge tests."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
+from bulgefit.errors import BulgefitError
+from bulgefit.fitting.minimise import Descent, descend
 from bulgefit.fitting.multistart import best_of, multistart
-from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem
-from bulgefit.fitting.result import FitResult, Stability, describe_tests
-from bulgefit.model.parameters import Material
-from bulgefit.model.virtual_test import Setup
+from bulgefit.fitting.quality import quality_of
+from bulgefit.fitting.result import FitResult, Stability, bounded, describe_tests
+from bulgefit.fitting.uncertainty import uncertainty_of
+from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["fit"]
+__all__ = ["corrected_at_start", "fit", "polished"]
+
+Floats = NDArray[np.floating]
 
 
 def fit(
     tests: BulgeTest | Sequence[BulgeTest],
-    objective: str = "e_w",
+    objective: str | None = None,
     *,
-    material: str = "orthotropic",
-    free: Iterable[str] = (),
-    bounds: Mapping[str, tuple[float, float]] | None = None,
-    held: Mapping[str, float] | None = None,
-    weight: float | Sequence[float] | None = None,
-    average: str = "points",
-    setup: Setup | None = None,
-    starts: int = 5,
-    seed: int = 0,
-    method: str = GAUSS_NEWTON,
-    limits: Limits | None = None,
+    options: FitOptions | None = None,
     executor: Executor | None = None,
     workers: int = 1,
+    **changes: Any,
 ) -> FitResult:
-    """Material parameters that bring the virtual test closest to the measured ones.
+    """Parameters that bring the virtual test closest to the measured ones.
 
     Parameters
     ----------
     tests : BulgeTest or sequence of BulgeTest
-        Several are fitted together; the objective is their mean.
-    objective : {"e_w", "e", "e_z"}
+        Several are fitted together; the objective is their mean. What an effect does to one
+        specimen is each test's own.
+    objective : {"e_w", "e", "e_z", "likelihood"}, optional
         See `bulgefit.fitting.objective`.
-    material : {"orthotropic", "isotropic", "isotropic-EG"}
-    free : iterable of str
-        Freed beyond the moduli: "nu12" or "nu".
-    bounds : mapping of name to (lower, upper), optional
-        MPa; default: the study's.
-    held : mapping of name to value, optional
-        nu12 or nu where it is not the tests'.
-    weight, average
-        See `Objective`.
-    setup : Setup, optional
-        Law, mesh, field evaluation.
-    starts, seed : int
-        Scrambled-Sobol starts; the same seed gives the same result for any number of workers.
-    method : str
-        "gauss-newton" or a scipy minimiser.
-    limits : Limits, optional
+    options : FitOptions, optional
     executor : concurrent.futures.Executor, optional
         Threads, processes, or `Client.get_executor()` of Dask: the data reach each process once.
     workers : int
         Threads where no executor is given.
+    **changes
+        Options by name (see `FitOptions`): material, free, bounds, held, effects, priors,
+        uncertainty, weight, average, setup, starts, seed, method, limits.
 
     Raises
     ------
@@ -77,58 +64,107 @@ def fit(
     """
     began = time.perf_counter()
     given = [tests] if isinstance(tests, BulgeTest) else list(tests)
-    target = Objective(given, objective, setup, weight=weight, average=average)
-    problem = Problem(target, material, free=free, bounds=bounds, held=held)
+    if objective is not None:
+        changes["objective"] = objective
+    chosen = options_from(options, changes)
+    problem = chosen.problem(given)
+    with one_blas_thread():
+        corrected_at_start(problem)
     descents = multistart(
         problem,
-        starts=starts,
-        seed=seed,
-        method=method,
-        limits=limits,
+        starts=chosen.starts,
+        seed=chosen.seed,
+        method=chosen.method,
+        limits=chosen.limits,
         executor=executor,
         workers=workers,
     )
-    best, found = best_of(problem, descents)
     with one_blas_thread():
-        tests_parts = target.parts(target.virtual.fields(found))
-        stable = stability(target, found)
+        best, _ = best_of(problem, descents)
+        last = polished(problem, problem.coordinates(best.values), chosen)
+        return _result(problem, descents, last, chosen, given, began)
+
+
+def corrected_at_start(problem: Problem) -> None:
+    """Take the mesh's error off as it is in the middle of the starts: it hardly changes."""
+    if problem.objective.setup.corrects_mesh:
+        try:
+            middle = problem.start(np.full(len(problem.scattered), 0.5))
+            problem.objective.correct_mesh(problem.shapes(middle))
+        except BulgefitError:
+            return  # the optimum will tell
+
+
+def polished(problem: Problem, z: Floats, options: FitOptions) -> Descent:
+    """The fit once more from its end, with the mesh's error as it is there, on all data."""
+    if problem.objective.setup.corrects_mesh:
+        problem.objective.correct_mesh(problem.shapes(z))
+    return descend(problem.on_all_data(), z, options.method, options.limits)
+
+
+def _result(
+    problem: Problem,
+    descents: list[Descent],
+    last: Descent,
+    options: FitOptions,
+    tests: list[BulgeTest],
+    began: float,
+) -> FitResult:
+    objective = problem.objective
+    z = problem.coordinates(last.best.values)
+    shapes = problem.shapes(z, derivatives=True)
+    values = problem.values(z)
+    at_bound = np.array([bounded(p, values[p.name]) for p in problem.free])
+    errors = uncertainty_of(problem, z, shapes, at_bound, options.uncertainty)
+    value = objective.value(shapes)
     return FitResult(
-        material=found,
+        material=problem.material(z),
+        effects=problem.effects(z),
         free=problem.free,
-        objective=objective,
-        value=best.value,
-        weights=target.weights.tolist(),
-        tests=tests_parts,
+        objective=objective.name,
+        value=value,
+        weights=objective.weights.tolist(),
+        tests=objective.parts(shapes),
         descents=descents,
-        stability=stable,
-        settings={
-            "law": target.virtual.setup.law,
-            "evaluation": target.virtual.setup.evaluation,
-            "interpolation": target.virtual.setup.interpolation,
-            "relaxation": target.virtual.setup.relaxation,
-            "cells": len(target.virtual.membrane(given[0]).mesh.cells),
-            "tolerance_mm": target.virtual.setup.tolerance,
-            "average": average,
-            "method": method,
-            "starts": starts,
-            "seed": seed,
-        },
+        stability=stability(problem, shapes),
+        uncertainty=errors,
+        quality=quality_of(problem, z, value, shapes, descents, errors, at_bound),
+        options=options,
+        settings=_settings(problem, options),
         seconds=time.perf_counter() - began,
-        sources=describe_tests(given),
-        setup=target.virtual.setup,
+        sources=describe_tests(tests),
     )
 
 
-def stability(objective: Objective, material: Material) -> Stability:
+def _settings(problem: Problem, options: FitOptions) -> dict[str, Any]:
+    setup = problem.objective.setup
+    return {
+        "law": setup.law,
+        "evaluation": setup.evaluation,
+        "interpolation": setup.interpolation,
+        "relaxation": setup.relaxation,
+        "cells": len(problem.objective.virtual[0].mesh.cells),
+        "mesh_error_taken_off": setup.corrects_mesh,
+        "tolerance_mm": setup.tolerance,
+        "average": options.average,
+        "method": options.method,
+        "starts": options.starts,
+        "seed": options.seed,
+        "effects": list(options.effects),
+        "held": dict(options.held),
+        "priors": {name: asdict(prior) for name, prior in options.priors.items()},
+        "uncertainty": dict(options.uncertainty),
+        "sampled": problem.objective.is_sampled,
+    }
+
+
+def stability(problem: Problem, shapes: Sequence[Shapes]) -> Stability:
     """Where the model with these parameters stops being stable, against the frames."""
-    limits = []
-    beyond, wrinkled = 0, False
-    for kind, path in objective.virtual.paths(material, derivatives=False).items():
-        wrinkled |= bool(path.wrinkled.any())
-        if path.stable.all():
-            continue
-        first = int(np.argmin(path.stable))
-        limits.append(float(path.pressure[first - 1]) if first else 0.0)
-        alike = [t for t in objective.tests if (t.radius, t.thickness) == kind]
-        beyond += sum(int((test.pressure > limits[-1]).sum()) for test in alike)
+    limits: list[float] = []
+    beyond = 0
+    for test, one in zip(problem.objective.tests, shapes, strict=True):
+        if one.stable_up_to is not None:
+            limits.append(one.stable_up_to)
+            beyond += int((test.pressure > one.stable_up_to).sum())
+    wrinkled = any(one.wrinkled for one in shapes)
     return Stability(10.0 * min(limits) if limits else None, beyond, wrinkled)

@@ -1,4 +1,4 @@
-"""Descend from one start: Gauss-Newton on the absolute residuals, or any scipy minimiser."""
+"""Descend from one start: Gauss-Newton on the residuals, or any scipy minimiser."""
 
 from __future__ import annotations
 
@@ -217,16 +217,17 @@ class _Model:
     """The objective near an evaluation, with its residuals linear in the coordinates.
 
     Its curvature may come from a sample of the data, its value and slope are those of all data:
-    F + (g - g_sample) d + F_sample(d) - F_sample(0).
+    F + (g - g_sample) d + F_sample(d) - F_sample(0). What is believed beforehand is a quadratic
+    that joins it.
     """
 
     def __init__(self, problem: Problem, at: Evaluation, z: Floats) -> None:
         assert at.slope is not None
-        self.z, self.value = z, at.value
-        self.rows = problem.rows(at, z)
-        whole = self.rows.whole
-        self.correction = np.zeros(problem.size) if whole else at.slope - self.rows.slope()
-        self.base = self.rows.value(np.zeros(problem.size))
+        assert at.rows is not None
+        self.z, self.value, self.rows = z, at.value, at.rows
+        self.believed, pull = problem.pull(at.value, z)
+        self.linear = at.slope - self.rows.slope() if problem.all_data else pull
+        self.base = self.rows.value()
 
     def minimise(self, radius: float) -> tuple[Floats, float]:
         """Step in the trust region and the bounds, and the fall it promises, mm.
@@ -241,13 +242,14 @@ class _Model:
         for rounding in ROUNDINGS:
             for _ in range(ITERATIONS):
                 hessian, gradient = self.rows.normal(step, rounding * self.value)
-                linear = gradient - hessian @ step + self.correction
-                new = _bounded_newton(hessian, linear, low, high)
+                linear = gradient - hessian @ step + self.linear
+                new = _bounded_newton(hessian + self.believed, linear, low, high)
                 moved = float(np.abs(new - step).max())
                 step = new
                 if moved <= 1e-3 * max(float(np.abs(step).max()), 1e-6):
                     break
-            fall = self.base - self.rows.value(step) - float(self.correction @ step)
+            added = float(self.linear @ step + 0.5 * step @ self.believed @ step)
+            fall = self.base - self.rows.value(step) - added
             if fall > most:
                 best, most = step, fall
         return best, most

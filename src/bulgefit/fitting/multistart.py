@@ -37,6 +37,8 @@ def starting_points(size: int, count: int, seed: int) -> Floats:
     """Scrambled Sobol points (count, size) in the unit cube: the same for the same seed."""
     if count < 1:
         raise InputError(f"starts: must be 1 or more, got {count}")
+    if size == 0:
+        return np.zeros((1, 0))
     sampler = qmc.Sobol(size, scramble=True, rng=np.random.default_rng(seed))
     return sampler.random_base2(int(np.ceil(np.log2(max(count, 2)))))[:count]
 
@@ -51,7 +53,7 @@ def multistart(
     executor: Executor | None = None,
     workers: int = 1,
 ) -> list[Descent]:
-    """Descend from `starts` scrambled-Sobol points; results in the order of the points.
+    """Descend from `starts` scrambled-Sobol points of the moduli; results in their order.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def multistart(
         See `descents`.
     workers : int
     """
-    jobs = [(0, point) for point in starting_points(problem.size, starts, seed)]
+    points = starting_points(len(problem.scattered), starts, seed)
+    jobs = [(0, problem.start(point)) for point in points]
     return descents(
         [problem], jobs, method=method, limits=limits, executor=executor, workers=workers
     )

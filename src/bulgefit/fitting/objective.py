@@ -1,42 +1,53 @@
-"""The published objectives: how far a virtual test is from the measured one, in mm.
+"""The objectives: how far a virtual test is from the measured one.
 
 For a test with N measured values of a component over all points and pressures,
 
-    r_dx = 1/N Σ |dx_model - dx_test|,    likewise r_dy, r_dz
+    r_dx = 1/N Σ |dx_test - dx_model|,    likewise r_dy, r_dz
     e    = r_dx + r_dy + r_dz
     e_w  = r_dx + r_dy + w r_dz,          w = ½ (max|dx| + max|dy|) / max|dz| of the tests
-    e_z  = 1/F Σ |dz_model - dz_test|     at the point nearest the centre, F frames
+    e_z  = 1/F Σ |dz_test - dz_model|     at the point nearest the centre, F frames
 
-and for several tests the mean over tests. The study's paper averages over all points of a test
-(`average="points"`, the default here); its code averages over each frame first
-(`average="frames"`), which weighs sparse frames up.
+in mm, as published, and for several tests the mean over tests. The study's paper averages over all
+points of a test (`average="points"`, the default here); its code averages over each frame first
+(`average="frames"`), which weighs sparse frames up. Beside them
+
+    likelihood = ½ Σ ((u_test - u_model)/σ)² / v
+
+is minus the logarithm of a Gaussian likelihood with the noise's own size σ of each component; v is
+what correlation in space does to the variance of a mean, so points that are alike count less.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.noise import Noise, noise_of
 from bulgefit.errors import InputError
-from bulgefit.fitting.l1 import Rows, absolute_sums, count_and_peaks, linearised_rows
-from bulgefit.model.observation import Observation
-from bulgefit.model.parameters import Material
-from bulgefit.model.virtual_test import Fields, Setup, VirtualTests, apex_blocks
+from bulgefit.fitting.l1 import Rows, count_and_peaks
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.mesh_error import correct_mesh
+from bulgefit.model.setup import Setup
+from bulgefit.model.virtual_test import virtual_tests
 
-__all__ = ["OBJECTIVES", "Objective", "TestParts", "displacement_weight"]
+__all__ = ["LIKELIHOOD", "OBJECTIVES", "Look", "Objective", "TestParts", "displacement_weight"]
 
 Floats = NDArray[np.floating]
 
+#: The published ones.
 OBJECTIVES = ("e", "e_w", "e_z")
+LIKELIHOOD = "likelihood"
 AVERAGES = ("points", "frames")
 
-#: Measured values that stand for all data where a descent needs curvature alone.
+#: Measured values that stand for all data while a descent is on its way.
 SAMPLE = 100_000
+#: Points that are looked at together.
+_CHUNK = 4096
 
 
 def displacement_weight(tests: Sequence[BulgeTest]) -> float:
@@ -65,13 +76,68 @@ class TestParts:
     __test__ = False  # not a pytest class
 
 
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Residuals at some points in some frames of one test, with derivatives of the model.
+
+    Attributes
+    ----------
+    test : int
+    frames : (k,) int array
+        Of the test.
+    position : (m, 2) array, mm
+    residual : (k, m, 3) array, mm
+        Measured minus modelled; NaN where nothing was measured.
+    jacobian : (names, k, m, 3) array
+    scale : (k, 3) array
+        Weights of the values in the objective.
+    """
+
+    test: int
+    frames: NDArray[np.intp]
+    position: Floats
+    residual: Floats
+    jacobian: Floats
+    scale: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Points of a block in some of its frames.
+
+    Attributes
+    ----------
+    block : int
+    rows : (k,) int array
+        Among the block's frames.
+    frames : (k,) int array
+        The same among the test's.
+    points : (m,) int array
+    only_dz : bool
+    """
+
+    block: int
+    rows: NDArray[np.intp]
+    frames: NDArray[np.intp]
+    points: NDArray[np.intp]
+    only_dz: bool = False
+
+    def measured(self, test: BulgeTest, points: NDArray[np.intp]) -> Floats:
+        """Displacements (k, m, 3) mm at some of the points."""
+        whole = test.blocks[self.block].displacement
+        some = whole[np.ix_(self.rows, points)]
+        if self.only_dz:
+            some[..., :2] = np.nan
+        return some
+
+
 class Objective:
-    """One of the published objectives on given tests.
+    """One of the objectives on given tests.
 
     Parameters
     ----------
     tests : sequence of BulgeTest
-    name : {"e", "e_w", "e_z"}
+    name : {"e", "e_w", "e_z", "likelihood"}
     setup : Setup, optional
     weight : float or (3,) sequence, optional
         Of dz, or of dx, dy, dz, in e_w; default `displacement_weight(tests)`.
@@ -93,105 +159,161 @@ class Objective:
         weight: float | Sequence[float] | None = None,
         average: str = "points",
     ) -> None:
-        if name not in OBJECTIVES:
-            raise InputError(f"objective: {name!r} is unknown; choose from {', '.join(OBJECTIVES)}")
+        if name not in (*OBJECTIVES, LIKELIHOOD):
+            known = ", ".join((*OBJECTIVES, LIKELIHOOD))
+            raise InputError(f"objective: {name!r} is unknown; choose from {known}")
         if average not in AVERAGES:
             raise InputError(f"average: {average!r} is unknown; choose from {', '.join(AVERAGES)}")
-        self.name = name
-        self.average = average
-        self.virtual = VirtualTests(tests, setup)
-        self.tests = self.virtual.tests
+        self.name, self.average = name, average
+        self.virtual = virtual_tests(tests, setup)
+        self.tests = tuple(v.test for v in self.virtual)
+        self.setup = self.virtual[0].setup
         self.weights = _component_weights(self.tests, weight)
-        factors = {"e": np.ones(3), "e_w": self.weights, "e_z": np.array([0.0, 0.0, 1.0])}[name]
+        self.noises: tuple[Noise | None, ...] | None = None
+        factors = {"e_w": self.weights, "e_z": np.array([0.0, 0.0, 1.0])}.get(name, np.ones(3))
         shared = factors / len(self.tests)
-        self._whole = [_Part(test, test.blocks, average, shared) for test in self.tests]
-        self._apex = [_Part(test, apex_blocks(test), average, shared) for test in self.tests]
+        self._whole = [_Part(test, _whole(test), average, shared) for test in self.tests]
+        self._apex = [_Part(test, _apex(test), average, shared) for test in self.tests]
         self._parts = self._apex if name == "e_z" else self._whole
+        if name == LIKELIHOOD:
+            for part, noise in zip(self._parts, self.noise(), strict=True):
+                if noise is None:
+                    raise InputError(
+                        f"{part.test.name}: too little was measured to tell its noise, which the "
+                        "likelihood needs; use another objective"
+                    )
+                part.weigh_by(noise)
         for part in self._parts:
             if part.empty:
                 raise InputError(
                     f"{part.test.name}: nothing was measured that {name} compares"
                     + (" (no dz near the centre)" if name == "e_z" else "")
                 )
-        values = sum(int(part.counts[:, factors > 0].sum()) for part in self._parts)
-        self._kept = min(1.0, SAMPLE / values)
-        self._samples: dict[int, list[_Sample]] = {}
+        self.count = sum(int(part.counts[:, factors > 0].sum()) for part in self._parts)
+        self._kept = min(1.0, SAMPLE / self.count)
 
-    def __getstate__(self) -> dict[str, object]:
-        # copies of the data, made again wherever they are needed
-        return {**self.__dict__, "_samples": {}}
+    @property
+    def squared(self) -> bool:
+        """Whether residuals count squared."""
+        return self.name == LIKELIHOOD
+
+    @property
+    def unit(self) -> str:
+        """Of its value."""
+        return "1" if self.squared else "mm"
 
     @property
     def weight(self) -> float:
         """Weight of dz in e_w."""
         return float(self.weights[2])
 
-    def value(self, material: Material) -> float:
-        """The objective, mm; raises SolveError or InputError (inadmissible parameters)."""
-        return self.from_fields(self.virtual.fields(material))
+    @property
+    def is_sampled(self) -> bool:
+        """Whether descents look at a sample of the data."""
+        return self._kept < 1.0
 
-    def gradient(self, material: Material) -> tuple[float, Floats]:
-        """The objective, mm, and its derivative by every parameter of the material."""
-        return self.slope(self.virtual.fields(material, derivatives=True))
+    def noise(self) -> tuple[Noise | None, ...]:
+        """Of each test, from what it shows of itself; None where it shows too little."""
+        if self.noises is None:
+            self.noises = tuple(noise_of(test) for test in self.tests)
+        return self.noises
 
-    def from_fields(self, fields: Sequence[Fields]) -> float:
-        """The objective of given nodal displacements, mm."""
+    def shapes(
+        self,
+        values: Sequence[Mapping[str, float]],
+        names: Sequence[Sequence[str]] | None = None,
+        near: Sequence[Shapes] | None = None,
+    ) -> list[Shapes]:
+        """Balanced shapes of every test by its own values and derivatives; raises SolveError."""
+        wanted = names or [()] * len(self.virtual)
+        starts: Sequence[Shapes | None] = near or [None] * len(self.virtual)
+        return [
+            v.shapes(own, which, start)
+            for v, own, which, start in zip(self.virtual, values, wanted, starts, strict=True)
+        ]
+
+    def correct_mesh(self, shapes: Sequence[Shapes]) -> None:
+        """Take the mesh's error off, as it is at these shapes."""
+        for virtual, one in zip(self.virtual, shapes, strict=True):
+            correct_mesh(virtual, one)
+
+    def value(self, shapes: Sequence[Shapes] | None) -> float:
+        """The objective over all data; of a model that does not deform where there are none."""
         total = 0.0
-        for part, field in zip(self._parts, fields, strict=True):
-            for sums, scale in zip(self._sums(part, field), part.scales, strict=True):
-                total += float((scale * sums).sum())
+        for i, part in enumerate(self._parts):
+            for view, sums in zip(part.views, self._sums(i, part, shapes), strict=True):
+                total += float((part.scale(view) * sums).sum())
         return total
 
-    def slope(self, fields: Sequence[Fields]) -> tuple[float, Floats]:
-        """The objective of given fields, mm, and its derivative by the fields' parameters.
-
-        One pass over the data, whatever the number of parameters: the derivative by the nodal
-        displacements is gathered first.
-        """
-        total, slope = 0.0, np.zeros(0)
-        for part, field in zip(self._parts, fields, strict=True):
-            assert field.derivative is not None
-            for block, scale in zip(part.blocks, part.scales, strict=True):
-                nodal = _of_frames(field.displacement, block)
-                pull = np.empty_like(nodal)
-                sums = absolute_sums(
-                    self.virtual.observation(part.test, block),
-                    nodal,
-                    block.displacement,
-                    scale,
-                    pull,
-                )
-                total += float((scale * sums).sum())
-                columns = _of_frames(field.derivative, block)
-                share = columns.reshape(len(columns), -1) @ pull.ravel()
-                slope = share if not len(slope) else slope + share
-        return total, slope
-
-    def rows(self, fields: Sequence[Fields], columns: Floats) -> Rows:
-        """Residuals and their derivatives: all, or a sample that stands for them.
+    def slope(
+        self, shapes: Sequence[Shapes], names: Sequence[Sequence[str]], columns: Sequence[Floats]
+    ) -> tuple[float, Floats]:
+        """The objective over all data, and its derivative by the coordinates.
 
         Parameters
         ----------
-        fields : sequence of Fields
-            With derivatives.
-        columns : (parameters, free) array
-            Derivative of the fields' parameters by the free coordinates.
+        names : per test, the parameters of its shapes
+        columns : per test, their derivatives by the coordinates, (names, free)
         """
-        found = []
-        for i, (part, field) in enumerate(zip(self._parts, fields, strict=True)):
-            assert field.derivative is not None
-            found += [
-                linearised_rows(
-                    sample.operator,
-                    _of_frames(field.displacement, sample.block),
-                    _of_frames(field.derivative, sample.block),
-                    sample.block.displacement,
-                    sample.scale,
-                )
-                for sample in self._sampled(i, part)
-            ]
-        jacobian, residual, scale = (np.concatenate(items) for items in zip(*found, strict=True))
-        return Rows(jacobian @ columns, residual, scale, whole=self._kept == 1.0)
+        total, slope = 0.0, np.zeros(columns[0].shape[1])
+        for look in self.looks(shapes, names):
+            seen = np.isfinite(look.residual)
+            left = np.where(seen, look.residual, 0.0)
+            weight = np.broadcast_to(look.scale[:, None], left.shape)
+            total += float((weight * (0.5 * left**2 if self.squared else np.abs(left))).sum())
+            pull = weight * (left if self.squared else np.sign(left))
+            by_name = look.jacobian.reshape(len(look.jacobian), -1) @ pull.ravel()
+            slope -= by_name @ columns[look.test]
+        return total, slope
+
+    def rows(
+        self, shapes: Sequence[Shapes], names: Sequence[Sequence[str]], columns: Sequence[Floats]
+    ) -> Rows:
+        """The objective linearised in the coordinates: all data, or a sample that stands for them.
+
+        Parameters as of `slope`.
+        """
+        jacobians, residuals, scales = [], [], []
+        for look in self.looks(shapes, names, sampled=True):
+            seen = np.isfinite(look.residual) & (look.scale != 0.0)[:, None]
+            by_name = np.stack([j[seen] for j in look.jacobian], axis=1)
+            jacobians.append(by_name @ columns[look.test])
+            residuals.append(look.residual[seen])
+            scales.append(np.broadcast_to(look.scale[:, None], seen.shape)[seen])
+        return Rows(
+            np.concatenate(jacobians),
+            np.concatenate(residuals).astype(np.float64),
+            np.concatenate(scales),
+            whole=not self.is_sampled,
+            squared=self.squared,
+        )
+
+    def places(self) -> Iterator[tuple[int, _View, NDArray[np.intp]]]:
+        """Test, view and points of each of `looks`, of the sample where there is one."""
+        for i, part in enumerate(self._parts):
+            for view in part.views:
+                for chunk in _chunks(self._sampled(view)):
+                    yield i, view, chunk
+
+    def _sampled(self, view: _View) -> NDArray[np.intp]:
+        return _some(view.points, self._kept) if self.is_sampled else view.points
+
+    def looks(
+        self,
+        shapes: Sequence[Shapes] | None,
+        names: Sequence[Sequence[str]] | None = None,
+        *,
+        sampled: bool = False,
+    ) -> Iterator[Look]:
+        """Residuals of what the objective compares, some points at a time."""
+        for i, part in enumerate(self._parts):
+            for view in part.views:
+                points = self._sampled(view) if sampled else view.points
+                scale = part.scale(view) * (len(view.points) / len(points))
+                for chunk in _chunks(points):
+                    yield self._look(
+                        i, view, chunk, scale, shapes, () if names is None else names[i]
+                    )
 
     def repeated(self, times: Sequence[Floats]) -> Objective | None:
         """The objective with each frame of each test counted so many times, for the bootstrap.
@@ -208,21 +330,13 @@ class Objective:
         """
         other = copy(self)
         other._parts = [p.repeated(t) for p, t in zip(self._parts, times, strict=True)]
-        other._samples = {}
         return None if any(part.empty for part in other._parts) else other
 
-    def parts(self, fields: Sequence[Fields]) -> list[TestParts]:
-        """Every objective of every test for given nodal displacements."""
+    def parts(self, shapes: Sequence[Shapes] | None) -> list[TestParts]:
+        """Every published objective of every test; of a resting model where there are no shapes."""
         return [
-            self._test_parts(whole, apex, field)
-            for whole, apex, field in zip(self._whole, self._apex, fields, strict=True)
-        ]
-
-    def resting(self) -> list[Fields]:
-        """Fields of a model that does not deform (the study's Table 5)."""
-        return [
-            Fields(np.zeros((test.n_frames, len(self.virtual.membrane(test).mesh.nodes), 3)), None)
-            for test in self.tests
+            self._test_parts(i, whole, apex, shapes)
+            for i, (whole, apex) in enumerate(zip(self._whole, self._apex, strict=True))
         ]
 
     def combined(self, parts: Sequence[TestParts]) -> dict[str, float | None]:
@@ -234,28 +348,44 @@ class Objective:
             for key in OBJECTIVES
         }
 
-    def _sums(self, part: _Part, field: Fields) -> list[Floats]:
-        return [
-            absolute_sums(
-                self.virtual.observation(part.test, block),
-                _of_frames(field.displacement, block),
-                block.displacement,
-                np.zeros((len(block.frames), 3)),
-            )
-            for block in part.blocks
-        ]
+    def _look(
+        self,
+        test: int,
+        view: _View,
+        points: NDArray[np.intp],
+        scale: Floats,
+        shapes: Sequence[Shapes] | None,
+        names: Sequence[str],
+    ) -> Look:
+        virtual = self.virtual[test]
+        measured = view.measured(virtual.test, points)
+        position = virtual.test.blocks[view.block].reference[points, :2]
+        if shapes is None:
+            blank = np.zeros((len(names), *measured.shape))
+            return Look(test, view.frames, position, measured, blank, scale)
+        found = virtual.observe(shapes[test], names, view.block, points)
+        jacobian, modelled = found.derivative[:, view.rows], found.displacement[view.rows]
+        return Look(test, view.frames, position, measured - modelled, jacobian, scale)
 
-    def _sampled(self, index: int, part: _Part) -> list[_Sample]:
-        if index not in self._samples:
-            self._samples[index] = [
-                _sample(block, self.virtual.observation(part.test, block), scale, self._kept)
-                for block, scale in zip(part.blocks, part.scales, strict=True)
-            ]
-        return self._samples[index]
+    def _sums(self, test: int, part: _Part, shapes: Sequence[Shapes] | None) -> list[Floats]:
+        """Of |r|, or of r²/2, over the points of each view's frames: (k, 3) each."""
+        found: list[Floats] = []
+        for view in part.views:
+            total = np.zeros((len(view.rows), 3))
+            for chunk in _chunks(view.points):
+                left = self._look(test, view, chunk, total, shapes, ()).residual
+                squares = self.squared and part is self._parts[test]
+                total = total + np.nansum(0.5 * left**2 if squares else np.abs(left), axis=1)
+            found.append(total)
+        return found
 
-    def _test_parts(self, whole: _Part, apex: _Part, field: Fields) -> TestParts:
-        r = whole.means(self._sums(whole, field))
-        near = apex.means(self._sums(apex, field))[2] if apex.blocks else None
+    def _test_parts(
+        self, test: int, whole: _Part, apex: _Part, shapes: Sequence[Shapes] | None
+    ) -> TestParts:
+        published = copy(self)
+        published.name = "e"
+        r = whole.means(published._sums(test, whole, shapes))
+        near = apex.means(published._sums(test, apex, shapes))[2] if apex.views else None
         measured = [0.0 if value is None else value for value in r]
         return TestParts(
             whole.test.name,
@@ -268,47 +398,52 @@ class Objective:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Sample:
-    """Some points of a block in all its frames; `scale` makes their sums stand for all."""
-
-    operator: Observation
-    block: Block
-    scale: Floats
-
-
-def _sample(block: Block, operator: Observation, scale: Floats, share: float) -> _Sample:
-    count = len(block.reference)
-    kept = max(1, round(share * count))
-    if kept == count:
-        return _Sample(operator, block, scale)
-    # drawn, since every so many points of a grid may lie on a line
-    points = np.sort(np.random.default_rng(0).permutation(count)[:kept])
-    some = Block(block.reference[points], block.frames, block.displacement[:, points])
-    return _Sample(Observation(operator.matrix[points]), some, scale * (count / kept))
+def _whole(test: BulgeTest) -> tuple[_View, ...]:
+    """All that was measured."""
+    return tuple(
+        _View(i, np.arange(len(b.frames)), b.frames, np.arange(len(b.reference)))
+        for i, b in enumerate(test.blocks)
+    )
 
 
-def _of_frames(field: Floats, block: Block) -> Floats:
-    """The frames of a block from (..., frames, n, 3), without a copy where it has them all."""
-    if len(block.frames) == field.shape[-3]:
-        return np.ascontiguousarray(field)
-    return np.ascontiguousarray(field[..., block.frames, :, :])
+def _apex(test: BulgeTest) -> tuple[_View, ...]:
+    """The measured point nearest the centre of each frame, its dz alone."""
+    views = []
+    for i, block in enumerate(test.blocks):
+        apex = test.apex[block.frames]
+        for point in np.unique(apex[apex >= 0]):
+            rows = np.flatnonzero(apex == point)
+            views.append(_View(i, rows, block.frames[rows], np.array([point]), only_dz=True))
+    return tuple(views)
+
+
+def _some(points: NDArray[np.intp], share: float) -> NDArray[np.intp]:
+    """A share of the points, drawn, since every so many points of a grid may lie on a line."""
+    kept = max(1, round(share * len(points)))
+    return np.sort(points[np.random.default_rng(0).permutation(len(points))[:kept]])
+
+
+def _chunks(points: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    for first in range(0, len(points), _CHUNK):
+        yield points[first : first + _CHUNK]
 
 
 class _Part:
-    """Blocks of one test that an objective looks at, and the factor of each frame's sums."""
+    """Views of one test that an objective looks at, and the factor of each frame's sums."""
 
     def __init__(
-        self,
-        test: BulgeTest,
-        blocks: tuple[Block, ...],
-        average: str,
-        factors: Floats,
+        self, test: BulgeTest, views: tuple[_View, ...], average: str, factors: Floats
     ) -> None:
-        self.test, self.blocks = test, blocks
+        self.test, self.views = test, views
         self._average, self._factors = average, factors
-        self._counted = [count_and_peaks(block.displacement)[0] for block in blocks]
-        self.counts = np.concatenate(self._counted) if blocks else np.zeros((0, 3), dtype=int)
+        self._counted = [
+            count_and_peaks(
+                test.blocks[v.block].displacement if not v.only_dz else v.measured(test, v.points)
+            )[0]
+            for v in views
+        ]
+        self.counts = np.concatenate(self._counted) if views else np.zeros((0, 3), dtype=int)
+        self._by_noise: Floats | None = None
         self._weigh(np.ones(test.n_frames))
 
     def repeated(self, times: Floats) -> _Part:
@@ -317,13 +452,22 @@ class _Part:
         other._weigh(times)
         return other
 
+    def weigh_by(self, noise: Noise) -> None:
+        """Count values by one over the variance of the noise."""
+        self._by_noise = 1.0 / (noise.inflation * noise.sigma**2)
+        self._weigh(np.ones(self.test.n_frames))
+
     @property
     def empty(self) -> bool:
         """Whether no value counts in the objective."""
-        return not any(scale.any() for scale in self.scales)
+        return not any(scale.any() for scale in self._scales)
+
+    def scale(self, view: _View) -> Floats:
+        """Factor (k, 3) of each frame's sums in the objective."""
+        return self._scales[next(i for i, v in enumerate(self.views) if v is view)]
 
     def _weigh(self, times: Floats) -> None:
-        often = [times[block.frames, None] for block in self.blocks]
+        often = [times[view.frames, None] for view in self.views]
         pairs = list(zip(self._counted, often, strict=True))
         if self._average == "points":
             values = sum(((c * t).sum(axis=0) for c, t in pairs), start=np.zeros(3))
@@ -331,10 +475,12 @@ class _Part:
         else:
             frames = sum((((c > 0) * t).sum(axis=0) for c, t in pairs), start=np.zeros(3))
             self._share = [t / (np.maximum(c, 1) * np.maximum(frames, 1)) for c, t in pairs]
-        self.scales = [
-            share * (c > 0) * self._factors
-            for share, c in zip(self._share, self._counted, strict=True)
-        ]
+        if self._by_noise is None:
+            self._scales = [
+                s * (c > 0) * self._factors for s, (c, _) in zip(self._share, pairs, strict=True)
+            ]
+        else:
+            self._scales = [t * (c > 0) * self._by_noise for c, t in pairs]
 
     def means(self, sums: list[Floats]) -> list[float | None]:
         """Mean absolute deviation per component, mm; None where nothing was measured."""

@@ -1,24 +1,41 @@
-"""An objective over the free parameters of a material, in coordinates that suit a minimiser."""
+"""An objective over free parameters, in coordinates that suit a minimiser."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
-from bulgefit.model.parameters import Material, Parameter, free_parameters, parameters_of
-from bulgefit.model.virtual_test import Fields
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.parameters import Material, free_parameters, parameters_of
 
-__all__ = ["Evaluation", "Problem", "stated_ratio"]
+__all__ = ["Evaluation", "Prior", "Problem", "stated_ratio"]
 
 Floats = NDArray[np.floating]
+
+Of = TypeVar("Of")
+
+#: What the virtual test calls the material's constants.
+_CONSTANTS = ("E1", "E2", "G12", "nu12")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is believed of a parameter before the fit: mean and standard deviation, in its unit."""
+
+    mean: float
+    deviation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,28 +46,30 @@ class Evaluation:
     ----------
     values : dict of str to float
         Free parameters in their units.
-    value : float, mm
-        The objective; NaN where the solve failed.
+    value : float
+        The objective, priors included; NaN where the solve failed.
     error : str
         Why it failed, else "".
     slope : (free,) array or None
         Derivative of the objective by the coordinates, if asked for.
-    fields : list of Fields or None
-        With derivatives if they were asked for.
+    rows : Rows or None
+        The objective linearised in the coordinates, with them.
+    shapes : list of Shapes or None
     """
 
     values: dict[str, float]
     value: float
     error: str = ""
     slope: Floats | None = None
-    fields: list[Fields] | None = None
+    rows: Rows | None = None
+    shapes: list[Shapes] | None = None
 
 
 class Problem:
     """Objective, material kind, and what is free.
 
-    Coordinates run from 0 to 1 between the bounds, in the logarithm of a modulus and linearly
-    in a Poisson ratio: displacements are far more linear in log E than in E.
+    Coordinates run from 0 to 1 between the bounds of what each parameter steps in: the logarithm
+    of a modulus, since displacements are far more linear in log E than in E.
 
     Parameters
     ----------
@@ -60,8 +79,13 @@ class Problem:
     free : iterable of str
         Freed beyond the moduli.
     bounds : mapping of name to (lower, upper), optional
+        Default: from the tests' apex (`bulgefit.fitting.guess`).
     held : mapping of name to value, optional
-        Values of parameters that are not free; default the tests' Poisson ratio.
+        Values of parameters that are not free, `effect.parameter` among them; default the tests'
+        Poisson ratio and every effect's null.
+    effects : iterable of str
+        Freed beside the moduli: ids of effects, or of one parameter (`effect.parameter`).
+    priors : mapping of name to Prior, optional
     """
 
     def __init__(
@@ -72,19 +96,38 @@ class Problem:
         free: Iterable[str] = (),
         bounds: Mapping[str, tuple[float, float]] | None = None,
         held: Mapping[str, float] | None = None,
+        effects: Iterable[str] = (),
+        priors: Mapping[str, Prior] | None = None,
     ) -> None:
-        self.objective = objective
-        self.kind = kind
-        self.free: tuple[Parameter, ...] = free_parameters(kind, free, bounds)
+        self.objective, self.kind = objective, kind
+        given = dict(bounds or {})
+        tests, fixed = objective.tests, dict(held or {})
+        ours = {p.name for p in parameters_of(kind)}
+        implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
+        moduli = free_parameters(kind, free, {**implied, **_of(given, dotted=False)})
+        freed = _freed(effects, len(tests), objective)
+        _known(fixed, ours)
+        self.keys = (*(Key("", p.name) for p in moduli), *freed)
+        self.free = (*moduli, *(_bounded(key, given) for key in freed))
         names = [p.name for p in self.free]
+        self._base = [p.name.partition("@")[0] for p in self.free]
+        for name in fixed:
+            if name in names or name in self._base:
+                raise InputError(f"hold: {name} is fitted; hold it or fit it")
+        for name in given:
+            if name not in (*names, *self._base):
+                raise InputError(f"bounds: {name} is not fitted (fitted: {', '.join(names)})")
         self.held = {
-            p.name: _held_value(p, objective, held or {})
+            p.name: float(fixed[p.name]) if p.name in fixed else stated_ratio(tests)
             for p in parameters_of(kind)
             if p.name not in names
         }
-        self._lower = np.array([p.lower for p in self.free])
-        self._upper = np.array([p.upper for p in self.free])
-        self._is_log = np.array([p.unit == "MPa" for p in self.free])
+        self.held_effects = _of(fixed, dotted=True)
+        self.priors = _matched(priors or {}, self.free, self._base)
+        self._lower = np.array([p.to_coordinate(p.lower) for p in self.free])
+        self._upper = np.array([p.to_coordinate(p.upper) for p in self.free])
+        self._box = _start_box(self, given)
+        self.all_data = False
 
     def with_objective(self, objective: Objective) -> Problem:
         """The same parameters and bounds with another objective."""
@@ -92,72 +135,267 @@ class Problem:
         other.objective = objective
         return other
 
+    def on_all_data(self) -> Problem:
+        """The same, whose values and slopes are those of all data, not of a sample."""
+        other = copy(self)
+        other.all_data = True
+        return other
+
     @property
     def size(self) -> int:
         """Number of free parameters."""
         return len(self.free)
 
+    @property
+    def scattered(self) -> NDArray[np.intp]:
+        """Coordinates whose starts are scattered: the material's."""
+        return np.flatnonzero([not key.effect for key in self.keys])
+
+    def start(self, point: Floats) -> Floats:
+        """Coordinates of a start from a point (scattered,) of the unit cube."""
+        pairs = zip(self.free, self.keys, strict=True)
+        z = self.coordinates({p.name: self._start_of(p, key) for p, key in pairs})
+        low, high = self._box
+        z[self.scattered] = low + (high - low) * point
+        return np.clip(z, 0.0, 1.0)
+
     def values(self, z: Floats) -> dict[str, float]:
         """Free parameters at coordinates z in [0, 1]."""
-        ratio = self._upper / np.where(self._is_log, self._lower, 1.0)
-        logarithmic = self._lower * np.where(self._is_log, ratio, 1.0) ** z
-        linear = self._lower + (self._upper - self._lower) * z
-        found = np.clip(np.where(self._is_log, logarithmic, linear), self._lower, self._upper)
-        return {p.name: float(v) for p, v in zip(self.free, found, strict=True)}
+        along = self._lower + (self._upper - self._lower) * np.asarray(z)
+        return {
+            p.name: float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
+            for p, c in zip(self.free, along, strict=True)
+        }
+
+    def value_at(self, index: int, coordinate: float) -> float:
+        """A free parameter's value at its coordinate, within its bounds or not."""
+        along = self._lower[index] + (self._upper[index] - self._lower[index]) * coordinate
+        return self.free[index].from_coordinate(float(along))
+
+    def value_slope(self, index: int, z: Floats) -> float:
+        """∂(a free parameter's value)/∂(its coordinate)."""
+        step = 1e-6
+        ends = [self.value_at(index, z[index] + h) for h in (-step, step)]
+        return (ends[1] - ends[0]) / (2.0 * step)
 
     def coordinates(self, values: Mapping[str, float]) -> Floats:
         """Coordinates of given free parameters."""
-        given = np.array([values[p.name] for p in self.free])
-        safe = np.where(self._is_log, self._lower, 1.0)
-        return np.where(
-            self._is_log,
-            np.log(np.where(self._is_log, given, 1.0) / safe)
-            / np.log(np.where(self._is_log, self._upper, np.e * safe) / safe),
-            (given - self._lower) / (self._upper - self._lower),
-        )
+        along = np.array([p.to_coordinate(values[p.name]) for p in self.free])
+        return np.asarray((along - self._lower) / (self._upper - self._lower))
 
     def material(self, z: Floats) -> Material:
         """The material at coordinates z (not checked for admissibility)."""
         values = {**self.held, **self.values(z)}
         return Material(self.kind, {p.name: values[p.name] for p in parameters_of(self.kind)})
 
-    def columns(self, z: Floats) -> Floats:
-        """∂(all parameters)/∂z, (parameters, free)."""
-        names = [p.name for p in parameters_of(self.kind)]
-        values = self.values(z)
-        out = np.zeros((len(names), self.size))
-        for j, p in enumerate(self.free):
-            out[names.index(p.name), j] = (
-                values[p.name] * np.log(p.upper / p.lower) if self._is_log[j] else p.upper - p.lower
-            )
+    def effects(self, z: Floats) -> dict[str, float]:
+        """Values of effects' parameters, fitted and held, by `effect.parameter`."""
+        fitted = {n: v for n, v in self.values(z).items() if "." in n}
+        return {**self.held_effects, **fitted}
+
+    def of_tests(self, z: Floats) -> list[dict[str, float]]:
+        """What each test's virtual twin is given."""
+        constants, values = self.material(z).constants(), self.values(z)
+        out = []
+        for i in range(len(self.objective.tests)):
+            own = {
+                key.name: values[p.name]
+                for key, p in zip(self.keys, self.free, strict=True)
+                if key.effect and key.specimen in (None, i)
+            }
+            out.append({**constants, **self.held_effects, **own})
         return out
+
+    def names_of_tests(self) -> list[tuple[str, ...]]:
+        """What each test's virtual twin differentiates by."""
+        constants = _CONSTANTS if any(not key.effect for key in self.keys) else ()
+        return [
+            (*constants, *(k.name for k in self.keys if k.effect and k.specimen in (None, i)))
+            for i in range(len(self.objective.tests))
+        ]
+
+    def columns(self, z: Floats) -> list[Floats]:
+        """∂(what each test differentiates by)/∂z, (names, free) each."""
+        material, values = self.material(z), self.values(z)
+        by_value = np.array(
+            [
+                p.slope(values[p.name]) * (high - low)
+                for p, low, high in zip(self.free, self._lower, self._upper, strict=True)
+            ]
+        )
+        every = [p.name for p in parameters_of(self.kind)]
+        by_material = material.constants_derivative()
+        out = []
+        for i, names in enumerate(self.names_of_tests()):
+            columns = np.zeros((len(names), self.size))
+            for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
+                if not key.effect:
+                    columns[: len(_CONSTANTS), j] = by_material[:, every.index(p.name)]
+                elif key.specimen in (None, i):
+                    columns[names.index(key.name), j] = 1.0
+            out.append(columns * by_value)
+        return out
+
+    def shapes(self, z: Floats, *, derivatives: bool = False) -> list[Shapes]:
+        """Balanced shapes of every test; raises SolveError or InputError."""
+        names = self.names_of_tests() if derivatives else None
+        return self.objective.shapes(self.of_tests(z), names)
 
     def evaluate(self, z: Floats, *, derivatives: bool = False) -> Evaluation:
         """The objective at z; a failed solve is an evaluation whose value is NaN."""
         values = self.values(z)
         try:
-            fields = self.objective.virtual.fields(self.material(z), derivatives=derivatives)
+            shapes = self.shapes(z, derivatives=derivatives)
         except (SolveError, InputError) as error:
             return Evaluation(values, float("nan"), str(error))
-        if not derivatives:
-            return Evaluation(values, self.objective.from_fields(fields), fields=fields)
-        value, slope = self.objective.slope(fields)
-        return Evaluation(values, value, slope=slope @ self.columns(z), fields=fields)
+        if not derivatives and (self.all_data or not self.objective.is_sampled):
+            value = self.objective.value(shapes)
+            return Evaluation(values, self._believed(value, z), shapes=shapes)
+        names, columns = self.names_of_tests(), self.columns(z)
+        rows = self.objective.rows(shapes, names, columns)
+        if self.all_data and self.objective.is_sampled:
+            value, slope = self.objective.slope(shapes, names, columns)
+        else:
+            value, slope = rows.value(), rows.slope()
+        slope = slope + self.pull(value, z)[1] if self.priors else slope
+        return Evaluation(values, self._believed(value, z), "", slope, rows, shapes)
 
-    def rows(self, at: Evaluation, z: Floats) -> Rows:
-        """The objective linearised in the coordinates at an evaluation with derivatives."""
-        assert at.fields is not None
-        return self.objective.rows(at.fields, self.columns(z))
+    def pull(self, value: float, z: Floats) -> tuple[Floats, Floats]:
+        """Hessian and slope by the coordinates that the priors add to an objective of this value.
+
+        ½ Σ ((v - m)/s)² joins a likelihood as it is. The sum of absolute deviations is, up to a
+        constant, minus the logarithm of a Laplace likelihood of unknown scale: n ln F, n values
+        that count; there the priors add F/n times as much.
+        """
+        hessian, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
+        weight = self._weight_of_priors(value)
+        values = self.values(z)
+        for j, p in enumerate(self.free):
+            prior = self.priors.get(p.name)
+            if prior is not None:
+                by_z = p.slope(values[p.name]) * (self._upper[j] - self._lower[j])
+                slope[j] = weight * (values[p.name] - prior.mean) / prior.deviation**2 * by_z
+                hessian[j, j] = weight * (by_z / prior.deviation) ** 2
+        return hessian, slope
+
+    def _believed(self, value: float, z: Floats) -> float:
+        values = self.values(z)
+        squares = sum(
+            ((values[name] - p.mean) / p.deviation) ** 2 for name, p in self.priors.items()
+        )
+        return value + 0.5 * squares * self._weight_of_priors(value)
+
+    def _weight_of_priors(self, value: float) -> float:
+        if self.objective.squared or not self.priors:
+            return 1.0
+        inflation = float(np.mean([n.inflation if n else 1.0 for n in self.objective.noise()]))
+        return value * inflation / self.objective.count
 
     def worst(self) -> float:
-        """The objective of a model that does not deform, mm: worse than any that does."""
-        return self.objective.from_fields(self.objective.resting())
+        """The objective of a model that does not deform: worse than any that does."""
+        if self.objective.is_sampled and not self.all_data:
+            none = [()] * len(self.objective.tests)
+            looks = self.objective.looks(None, none, sampled=True)
+            return float(
+                sum(
+                    np.nansum(
+                        look.scale[:, None]
+                        * (
+                            0.5 * look.residual**2
+                            if self.objective.squared
+                            else np.abs(look.residual)
+                        )
+                    )
+                    for look in looks
+                )
+            )
+        return self.objective.value(None)
+
+    def _start_of(self, parameter: Parameter, key: Key) -> float:
+        """Where a fit of an effect's parameter starts; of the material: anywhere."""
+        if not key.effect:
+            return parameter.lower
+        start = parameter.start if parameter.start is not None else parameter.null
+        if start is None:
+            start = self.objective.tests[key.specimen or 0].poisson_ratio
+        return float(np.clip(start, parameter.lower, parameter.upper))
 
 
-def _held_value(parameter: Parameter, objective: Objective, held: Mapping[str, float]) -> float:
-    if parameter.name in held:
-        return float(held[parameter.name])
-    return stated_ratio(objective.tests)
+def _of(values: Mapping[str, Of], *, dotted: bool) -> dict[str, Of]:
+    """Those of effects, or those of the material."""
+    return {name: v for name, v in values.items() if ("." in name) is dotted}
+
+
+def _known(held: Mapping[str, float], ours: set[str]) -> None:
+    for name, value in held.items():
+        if not np.isfinite(value):
+            raise InputError(f"hold: {name} must be finite, got {value:g}")
+        if "." in name:
+            parameter_named(name)
+        elif name not in ours:
+            raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
+
+
+def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
+    """Keys of the effects that are freed, in their most flexible form."""
+    found: dict[Key, None] = {}
+    for name in names:
+        if "." in name:
+            parameter_named(name)
+            wanted: tuple[str, ...] = (name,)
+        else:
+            wanted = effect_named(name).groups()[-1]
+        effect = effect_named(name.partition(".")[0])
+        for need in effect.needs:
+            for test in objective.tests:
+                if getattr(test, need) is None:
+                    raise InputError(f"{test.name}: {effect.id} needs the {need} of its frames")
+        if effect.never_separable:
+            raise InputError(
+                f"{effect.id} cannot be fitted: {effect.never_separable}; hold it at a value"
+            )
+        for one in wanted:
+            for i in range(count):
+                found[Key.of(one, None if effect.shared or count == 1 else i)] = None
+    return list(found)
+
+
+def _bounded(key: Key, bounds: Mapping[str, tuple[float, float]]) -> Parameter:
+    """An effect's parameter under its key's name, within given bounds or its plausible range."""
+    parameter = parameter_named(key.name)
+    low, high = bounds.get(str(key), bounds.get(key.name, (parameter.lower, parameter.upper)))
+    if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
+        raise InputError(f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}")
+    return replace(parameter, name=str(key), lower=low, upper=high)
+
+
+def _matched(
+    priors: Mapping[str, Prior], free: Sequence[Parameter], base: Sequence[str]
+) -> dict[str, Prior]:
+    """Priors by the names of the free parameters."""
+    out: dict[str, Prior] = {}
+    for name, prior in priors.items():
+        if not (np.isfinite(prior.mean) and 0.0 < prior.deviation < np.inf):
+            raise InputError(f"prior of {name}: give a finite mean and a deviation above 0")
+        which = [p.name for p, own in zip(free, base, strict=True) if name in (p.name, own)]
+        if not which:
+            known = ", ".join(p.name for p in free)
+            raise InputError(f"prior: {name} is not fitted (fitted: {known})")
+        out |= dict.fromkeys(which, prior)
+    return out
+
+
+def _start_box(problem: Problem, given: Mapping[str, tuple[float, float]]) -> tuple[Floats, Floats]:
+    """Coordinates (scattered,) between which starts are scattered: given bounds, or the apex's."""
+    implied = start_box(problem.objective.tests)
+    ends = []
+    for j in problem.scattered:
+        p = problem.free[j]
+        box = (p.lower, p.upper) if p.name in given else implied.get(p.name, (p.lower, p.upper))
+        span = problem._upper[j] - problem._lower[j]
+        ends.append([(p.to_coordinate(v) - problem._lower[j]) / span for v in box])
+    low, high = np.clip(np.array(ends).reshape(-1, 2), 0.0, 1.0).T
+    return low, high
 
 
 def stated_ratio(tests: Sequence[BulgeTest]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from typing import Any
@@ -11,12 +11,20 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.minimise import Descent
-from bulgefit.fitting.objective import TestParts
-from bulgefit.model.parameters import Material, Parameter
-from bulgefit.model.virtual_test import Setup
+from bulgefit.fitting.objective import LIKELIHOOD, TestParts
+from bulgefit.fitting.options import FitOptions
+from bulgefit.fitting.quality import Quality
+from bulgefit.fitting.uncertainty import Uncertainty
+from bulgefit.model.parameters import Material
+from bulgefit.model.setup import Setup
 
-__all__ = ["FitResult", "Stability", "describe_tests", "versions"]
+__all__ = ["FORMAT", "FitResult", "Stability", "bounded", "describe_tests", "versions"]
+
+#: Version of the layout of the JSON.
+FORMAT = 2
 
 #: Part of the range between the bounds within which a parameter counts as at its bound.
 AT_BOUND = 1e-3
@@ -52,27 +60,32 @@ class FitResult:
     ----------
     material : Material
         With the best parameters.
+    effects : dict of str to float
+        Values of effects' parameters (`effect.parameter`), fitted or held off their null.
     free : tuple of Parameter
-        What was varied, with units and bounds.
+        What was varied, with units and bounds; `effect.parameter@i` is test i's own.
     objective, value : str, float
-        Name of the objective and its value in mm.
+        Name of the objective and its value (mm, or 1 of the likelihood).
     weights : (3,) list
         Of dx, dy, dz in e_w.
     tests : list of TestParts
     descents : list of Descent
         In the order of the starts.
     stability : Stability
-    settings : dict
+    uncertainty : Uncertainty
+    quality : Quality
+    options : FitOptions
         Everything needed to run the fit again.
+    settings : dict
+        The same for JSON.
     seconds : float
         Wall time.
     sources : list of dict
         Names and checksums of the tests.
-    setup : Setup or None
-        How the virtual tests were computed; None: the default.
     """
 
     material: Material
+    effects: dict[str, float]
     free: tuple[Parameter, ...]
     objective: str
     value: float
@@ -80,10 +93,26 @@ class FitResult:
     tests: list[TestParts]
     descents: list[Descent]
     stability: Stability
+    uncertainty: Uncertainty
+    quality: Quality
+    options: FitOptions
     settings: dict[str, Any]
     seconds: float
     sources: list[dict[str, Any]] = field(default_factory=list)
-    setup: Setup | None = None
+
+    @property
+    def setup(self) -> Setup | None:
+        """How the virtual tests were computed; None: the default."""
+        return self.options.setup
+
+    def effects_of(self, test: int) -> dict[str, float]:
+        """Effects' parameters of a test by `effect.parameter`, for `bulgefit.predict`."""
+        own = {}
+        for name, value in self.effects.items():
+            key, at, index = name.partition("@")
+            if not at or int(index) == test:
+                own[key] = value
+        return own
 
     @property
     def evaluations(self) -> int:
@@ -97,29 +126,40 @@ class FitResult:
 
     def at_bound(self, parameter: Parameter) -> bool:
         """Whether a free parameter ended at one of its bounds."""
-        value = self.material.values[parameter.name]
-        span = parameter.upper - parameter.lower
-        return bool(min(value - parameter.lower, parameter.upper - value) <= AT_BOUND * span)
+        values = {**self.material.values, **self.effects}
+        return bounded(parameter, values[parameter.name])
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON types."""
         free = {p.name: p for p in self.free}
         parameters = {}
-        for name, value in self.material.values.items():
-            entry: dict[str, Any] = {"value": value, "unit": _unit(name)}
+        for name, value in {**self.material.values, **self.effects}.items():
+            entry: dict[str, Any] = {"value": value, "unit": _unit(name, free)}
             if name in free:
+                low_high = self.uncertainty.interval95[name]
                 entry |= {
                     "at_bound": self.at_bound(free[name]),
                     "lower": free[name].lower,
                     "upper": free[name].upper,
                     "free": True,
+                    "stderr": self.uncertainty.stderr[name],
+                    "interval95": None if low_high is None else list(low_high),
+                    "stderr_noise": self.uncertainty.noise_stderr[name],
+                    "stderr_blocks": self.uncertainty.block_stderr[name],
+                    "stderr_parts": self.uncertainty.parts.get(name, {}),
                 }
             else:
                 entry |= {"at_bound": False, "free": False}
             parameters[name] = entry
         return {
             "parameters": parameters,
-            "objective": {"name": self.objective, "value": self.value, "unit": "mm"},
+            "format": FORMAT,
+            "objective": {"name": self.objective, "value": self.value, "unit": self._unit},
+            "quality": self.quality.to_dict(),
+            "correlations": [
+                {"parameters": list(pair), "correlation": value}
+                for pair, value in self.uncertainty.correlation.items()
+            ],
             "material": self.material.kind,
             "weight": self.weights[2],
             "weights": self.weights,
@@ -134,21 +174,48 @@ class FitResult:
             "versions": versions(),
         }
 
+    @property
+    def _unit(self) -> str:
+        return "1" if self.objective == LIKELIHOOD else "mm"
+
+    def _sure_of(self, parameter: Parameter) -> str:
+        """Error and interval of a free parameter, or why there is none."""
+        if self.at_bound(parameter):
+            low, high = parameter.lower, parameter.upper
+            return f"AT BOUND {low:g}..{high:g}: no result; widen --bounds {parameter.name}=..."
+        error = self.uncertainty.stderr[parameter.name]
+        ends = self.uncertainty.interval95[parameter.name]
+        if error is None or ends is None:
+            return "not determined"
+        return f"± {error:.3g}  (95 %: {ends[0]:.6g} to {ends[1]:.6g})"
+
+    def _hardly_found(self) -> list[str]:
+        """Parameters that are not found well, in words."""
+        words = self.quality.identifiability
+        return [text for text in words.values() if "hardly" in text or "cannot" in text]
+
     def report(self) -> str:
         """The result to read."""
-        lines = [f"{self.objective} = {self.value:.6g} mm  ({self.material.kind})"]
+        lines = self.quality.lines()
+        unit = "" if self._unit == "1" else f" {self._unit}"
+        lines.append(f"{self.objective} = {self.value:.6g}{unit}  ({self.material.kind})")
         free = {p.name: p for p in self.free}
-        for name, value in self.material.values.items():
-            if name not in free:
-                note = "held"
-            elif self.at_bound(free[name]):
-                low, high = free[name].lower, free[name].upper
-                note = f"AT BOUND {low:g}..{high:g}: widen --bounds {name}=..."
-            else:
-                note = f"in {free[name].lower:g}..{free[name].upper:g}"
-            lines.append(
-                f"  {name:<5}{value:>12.6g} {_unit(name) if name in free else '':<4} {note}"
+        known = {**self.material.values, **self.effects}
+        width = max(5, *(len(name) for name in known)) + 1
+        for name, value in known.items():
+            unit = _unit(name, free)
+            shown = f"  {name:<{width}}{value:>12.6g} {'' if unit == '1' else unit:<4} "
+            lines.append(shown + (self._sure_of(free[name]) if name in free else "held"))
+        for name in self.uncertainty.differing():
+            noise, block = (
+                errors[name]
+                for errors in (self.uncertainty.noise_stderr, self.uncertainty.block_stderr)
             )
+            lines.append(
+                f"  {name}: standard error {noise:.3g} by the noise alone, {block:.3g} by blocks "
+                "of frames and sectors; the larger one is told"
+            )
+        lines += [f"  {text}" for text in self._hardly_found()]
         lines.append(
             f"{'test':<28}{'r_dx':>10}{'r_dy':>10}{'r_dz':>10}{'e':>10}{'e_w':>10}{'e_z':>10}"
         )
@@ -160,12 +227,10 @@ class FitResult:
             )
             for p in self.tests
         ]
-        found = [d.best.value for d in self.descents]
-        near = sum(v <= self.value * 1.001 for v in found)
         lines.append(
-            f"{len(found)} starts, {sum(d.converged for d in self.descents)} converged, {near} at "
-            f"this optimum; {self.evaluations} forward paths, {self.failures} failed; "
-            f"{self.seconds:.1f} s"
+            f"{len(self.descents)} starts, {sum(d.converged for d in self.descents)} converged, "
+            f"{self.quality.agreeing} at this optimum; {self.evaluations} forward paths, "
+            f"{self.failures} failed; {self.seconds:.1f} s"
         )
         if self.stability.frames_beyond:
             lines.append(
@@ -176,7 +241,21 @@ class FitResult:
         return "\n".join(lines)
 
 
-def _unit(name: str) -> str:
+def bounded(parameter: Parameter, value: float) -> bool:
+    """Whether a value sits at a bound, which is no result.
+
+    Where the range begins at the null, that end is no bound: the effect is absent there.
+    """
+    low, high, at = (parameter.to_coordinate(v) for v in (parameter.lower, parameter.upper, value))
+    near = AT_BOUND * (high - low)
+    return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
+
+
+def _unit(name: str, free: Mapping[str, Parameter]) -> str:
+    if name in free:
+        return free[name].unit
+    if "." in name:
+        return parameter_named(name.partition("@")[0]).unit
     return "1" if name.startswith("nu") else "MPa"
 
 

@@ -15,7 +15,8 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.keys import specimen_values
-from bulgefit.model.specimen import Shapes, Specimen
+from bulgefit.gap.specimen import Specimen
+from bulgefit.model.inflation import Shapes
 
 __all__ = ["Advice", "advise"]
 
@@ -163,7 +164,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         poisson_ratio=specimen.test.poisson_ratio,
         time=time,
     )
-    return Specimen(made, specimen.refine, specimen.law, specimen.threads)
+    return specimen.of(made)
 
 
 def _prior(names: Sequence[str], errors: dict[str, float]) -> Floats:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.model.specimen import Prediction, Specimen
+from bulgefit.gap.specimen import Specimen
+from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["FOLDS", "Blocks", "Data"]
 

@@ -33,7 +33,6 @@ from bulgefit.gap.prepare import (
 )
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.separate import Pair, indistinguishable
-from bulgefit.model.specimen import Specimen
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
@@ -237,10 +236,15 @@ def diagnose(
     given = [tests] if isinstance(tests, BulgeTest) else list(tests)
     if not given:
         raise InputError("no bulge test was given")
-    has_time = all(t.time is not None for t in given)
     wanted = chosen_effects(effects)
-    candidates = [e for e in wanted if has_time or not e.needs_time]
-    skipped = {e.id: "the test has no time" for e in wanted if e not in candidates}
+    lacking = {
+        e.id: f"the test has no {need}"
+        for e in wanted
+        for need in e.needs
+        if any(getattr(t, need) is None for t in given)
+    }
+    candidates = [e for e in wanted if e.id not in lacking]
+    skipped = lacking
     _same_ratio(given)
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
@@ -334,7 +338,7 @@ def _few_frames(data: Data) -> Data:
     frames = np.sort(order[::-4])
     test = data.specimen.test.select(frames=frames)
     whole = data.specimen
-    specimen = Specimen(test, whole.refine, whole.law, whole.threads)
+    specimen = whole.of(test)
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 

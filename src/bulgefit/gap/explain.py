@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
+from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.doubt import Doubt, doubt
-from bulgefit.gap.effects import Effect
 from bulgefit.gap.exchange import (
     Evidence,
     evidence_of,
@@ -31,7 +31,7 @@ from bulgefit.gap.search import (
 )
 from bulgefit.gap.structure import Structure, structure
 from bulgefit.gap.universe import Universe, forms_in_reach, observed
-from bulgefit.model.specimen import Shapes
+from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 

@@ -98,13 +98,17 @@ def start_of(key: str, data: Sequence[Data]) -> float:
         return data[int(owner) if owner else 0].specimen.test.poisson_ratio
     effect, _, parameter = name.partition(".")
     (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
-    return found.start
+    return found.start if found.start is not None else null_of(key, data)
 
 
 def null_of(key: str, data: Sequence[Data]) -> float:
     """The value at which a parameter's effect is absent."""
     name, _, owner = key.partition("@")
-    return data[int(owner) if owner else 0].specimen.nulls().get(name, 0.0)
+    effect, _, parameter = name.partition(".")
+    null = CATALOGUE[effect].parameter(parameter).null if effect in CATALOGUE else 0.0
+    if null is None:
+        null = data[int(owner) if owner else 0].specimen.nulls()[name]
+    return null
 
 
 def names_of(keys: Sequence[str], index: int, several: bool) -> tuple[list[str], list[int]]:

@@ -13,18 +13,19 @@ the point's other frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
+from bulgefit.effects.reference_state import flattened
+from bulgefit.effects.registry import effect_named
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, Data
+from bulgefit.gap.effects import FLATTENING
 from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
-from bulgefit.model.camera import FLATTENING, flattened, flattened_rate, flattened_slope
-from bulgefit.model.places import LOAD, applied_derivative, applied_pressure
-from bulgefit.model.specimen import Prediction
+from bulgefit.model.virtual_test import Prediction
 
 __all__ = [
     "NormalEquations",
@@ -195,19 +196,19 @@ def offsets_change(data: Data, prediction: Prediction, names: Sequence[str]) -> 
     as they are for a prediction without them.
     """
     out = np.zeros((len(names), *prediction.displacement.shape))
-    recorded, values = data.specimen.recorded, prediction.shapes.values
-    applied = applied_pressure(recorded, values)
-    slopes = {
-        name: flattened_slope(applied, values)
-        if name == FLATTENING
-        else flattened_rate(applied, values) * applied_derivative(name, recorded, values)
+    values = prediction.shapes.values
+    changing = [
+        name
         for name in names
-        if name == FLATTENING or name in LOAD
-    }
-    if slopes:
+        if name == FLATTENING or ("." in name and effect_named(name.split(".")[0]).uses("load"))
+    ]
+    if changing:
         residual = data.specimen.measured - prediction.displacement
         offset = offsets_of(residual, data.used, shown(data, prediction))
-        for name, slope in slopes.items():
+        for name in changing:
+            low, high = data.specimen.span(name, values)
+            below, above = (_shown(data, {**values, name: v}) for v in (low, high))
+            slope = (above - below) / (high - low)
             out[names.index(name)] = slope[:, None, None] * offset
     return out
 
@@ -254,8 +255,11 @@ def _fitting(count: Floats) -> Floats:
 
 def shown(data: Data, prediction: Prediction) -> Floats:
     """Share (frames,) by which an offset of every point shows in each frame."""
-    values = prediction.shapes.values
-    return flattened(applied_pressure(data.specimen.recorded, values), values)
+    return _shown(data, prediction.shapes.values)
+
+
+def _shown(data: Data, values: Mapping[str, float]) -> Floats:
+    return flattened(data.specimen.load(values).applied, values.get(FLATTENING, 0.0))
 
 
 def offsets_of(residual: Floats, used: NDArray[np.bool_], share: Floats) -> Floats:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
-from bulgefit.errors import InputError, SolveError
+from bulgefit.dic.noise import Noise, estimate_noise, outliers, rough_part
+from bulgefit.errors import InputError
 from bulgefit.gap.data import Data
-from bulgefit.gap.noise import Noise, estimate_noise, outliers, rough_part
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.model.smooth import smooth_field
-from bulgefit.model.specimen import Shapes, Specimen
+from bulgefit.gap.specimen import Specimen
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
 
 __all__ = [
     "Prepared",
@@ -34,9 +35,6 @@ LEAST_POINTS, LEAST_FRAMES = 60, 5
 #: Standard deviation of the points across their longest direction, relative to the clamp radius;
 #: points all over the disc have 0.5.
 LEAST_WIDTH = 0.02
-#: Mesh of the diagnosis, and the finer one that its error is taken from; with a third, coarser one,
-#: what is left of that error is judged.
-COARSE, FINE, COARSEST = 4, 6, 3
 #: Roughness of a frame over that of the light ones above which the fabric has localised.
 ROUGH = 2.5
 
@@ -99,7 +97,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     test = _thinned(test.select(frames=frames))
     (block,) = test.blocks
     noise = estimate_noise(test)
-    specimen = Specimen(test, refine=COARSE, law=law, threads=threads)
+    specimen = Specimen(test, law=law, threads=threads)
     used = np.isfinite(block.displacement)
     data = Data(specimen, noise.sigma, used, noise.inflation)
     return Prepared(data, noise, rough_from, np.zeros(3))
@@ -198,53 +196,23 @@ def drop_outliers(prepared: Prepared, modelled: Floats) -> None:
 
 
 def correct_discretisation(prepared: Prepared, shapes: Shapes) -> None:
-    """Take the mesh's error off the model, by Richardson's extrapolation from a finer mesh.
-
-    The error of nodes and of interpolation falls with the square of the cell size, and hardly
-    changes with the parameters, so one pair of meshes serves a whole diagnosis.
-    """
+    """Take the mesh's error off the model: one pair of meshes serves a whole diagnosis."""
     specimen = prepared.data.specimen
-    specimen.correction = None
-    coarse = specimen.observe(shapes).displacement
-    fine = _on_mesh(specimen, FINE, shapes)
-    ratio = (FINE / COARSE) ** 2
-    specimen.correction = (fine - coarse) * ratio / (ratio - 1.0)
-    prepared.discretisation = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
-
-
-def _on_mesh(specimen: Specimen, refine: int, shapes: Shapes) -> Floats:
-    """What another mesh has for the same specimen; its search starts from these shapes."""
-    other = Specimen(specimen.test, refine, specimen.law, specimen.threads)
-    between = smooth_field(specimen.mesh.nodes, other.mesh.nodes).value
-    guess = np.stack([between @ one for one in shapes.displacement])
-    guess[:, other.membrane(shapes.values).fixed] = 0.0
-    try:
-        near = replace(shapes, displacement=guess, derivative={})
-        return other.predict(shapes.values, near=near).displacement
-    except SolveError:
-        return other.predict(shapes.values).displacement
+    correct_mesh(specimen, shapes)
+    prepared.discretisation = _size(specimen.correction)
 
 
 def judge_mesh(prepared: Prepared, shapes: Shapes) -> None:
-    """How far the corrected model still is from a mesh without end.
+    """How far the corrected model still is from a mesh without end."""
+    left = mesh_remainder(prepared.data.specimen, shapes)
+    prepared.mesh_error = None if left is None else _size(left)
 
-    Richardson's extrapolation from cells of sizes h and k leaves an error in h²k², so that of the
-    rougher pair over that of the finer one is (FINE/COARSEST)².
-    """
-    specimen = prepared.data.specimen
-    prepared.mesh_error = None
-    if specimen.correction is None:
-        return
-    found = specimen.observe(shapes).displacement
-    coarse = found - specimen.correction
-    try:
-        fall = coarse - _on_mesh(specimen, COARSEST, shapes)
-    except SolveError:
-        return
-    ratio = (COARSE / COARSEST) ** 2
-    other = coarse + fall / (ratio - 1.0)
-    left = (other - found) / ((FINE / COARSEST) ** 2 - 1.0)
-    prepared.mesh_error = np.sqrt((left**2).mean(axis=(0, 1)))
+
+def _size(field: Floats | None) -> Floats:
+    """Root mean square (3,) mm over frames and nodes."""
+    if field is None:
+        return np.zeros(3)
+    return np.asarray(np.sqrt((field**2).mean(axis=(0, 1))))
 
 
 def renew(prepared: Prepared, fit: Regression, index: int) -> None:
@@ -255,11 +223,7 @@ def renew(prepared: Prepared, fit: Regression, index: int) -> None:
     """
     specimen = prepared.data.specimen
     shapes = fit.predictions[index].shapes
-    try:
-        correct_discretisation(prepared, shapes)
-    except SolveError:
-        specimen.correction = None
-        prepared.discretisation = np.zeros(3)
+    correct_discretisation(prepared, shapes)
     if fit.offsets[index] is None:
         renew_noise(prepared, specimen.observe(shapes).displacement)
 

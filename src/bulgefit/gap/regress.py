@@ -25,7 +25,8 @@ from bulgefit.gap.normal import (
     scales,
     shown,
 )
-from bulgefit.model.specimen import Prediction, Shapes
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Regression", "regress"]
 

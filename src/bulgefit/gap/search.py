@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import STEADY, Effect
+from bulgefit.gap.effects import STEADY
 from bulgefit.gap.keys import effect_of, is_field, null_of
 from bulgefit.gap.regress import MAX_ITERATIONS, Regression, regress
 from bulgefit.gap.universe import Universe, universe
-from bulgefit.model.specimen import Shapes
+from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 

@@ -13,7 +13,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.keys import has_field
 from bulgefit.gap.normal import shown
 from bulgefit.gap.regress import Regression
-from bulgefit.model.specimen import Prediction
+from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Cell", "Structure", "cells_of", "structure"]
 
@@ -148,7 +148,7 @@ def _beside_offsets(data: Data, prediction: Prediction, ordered: Floats) -> tupl
 
     Taking h Σhn/Σh² off the noise n of a point leaves E[n_f n_g] = -h_f h_g/Σh². Products are
     correlated by the square of the noise's correlation ρ, and 2 Σρ² < Σρ over the other points
-    (`bulgefit.gap.noise`: ρ falls with exp(-d/length) or faster).
+    (`bulgefit.dic.noise`: ρ falls with exp(-d/length) or faster).
     """
     product = _products(ordered)
     if len(product) < _FEW:

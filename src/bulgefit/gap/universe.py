@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bulgefit.effects.base import Effect
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import MODULI, STEADY, Effect
+from bulgefit.gap.effects import FIELD_FORMS, MODULI, STEADY
 from bulgefit.gap.keys import (
     bounds_of,
     columns_of,
@@ -21,7 +22,8 @@ from bulgefit.gap.keys import (
 )
 from bulgefit.gap.normal import NormalEquations, normal_equations
 from bulgefit.gap.regress import Regression
-from bulgefit.model.specimen import Prediction, Shapes
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Universe", "forms_in_reach", "observed", "universe"]
 
@@ -101,7 +103,7 @@ def universe(data: Sequence[Data], fit: Regression, effects: Sequence[Effect]) -
     field = tuple(k for k in fit.keys if is_field(k))
     names = []
     for effect in effects:
-        forms = [effect.groups()[-1], *(effect.field_forms if field else ())]
+        forms = [effect.groups()[-1], *(FIELD_FORMS.get(effect.id, ()) if field else ())]
         if not effect.never_separable:
             names += [n for form in forms for n in form if not (field and n in STEADY)]
     keys = columns_of(dict.fromkeys([*fit.columns, *group_keys([*MODULI, *names], len(data))]))
@@ -130,7 +132,7 @@ def forms_in_reach(current: Regression, effect: Effect, count: int) -> list[tupl
     """
     forms = [group_keys(group, count) for group in effect.groups()]
     before = forms[-1]
-    for form in effect.field_forms:
+    for form in FIELD_FORMS.get(effect.id, ()):
         keys = group_keys(form, count)
         if set(before) <= set(current.keys):
             forms.append(keys)

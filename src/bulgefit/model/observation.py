@@ -2,6 +2,7 @@
 
 | method | operator | cost per point | exact at nodes |
 |---|---|---|---|
+| `smooth` | polyharmonic splines (`bulgefit.model.smooth`); the default | 36 nodes | yes |
 | `shape` | the cells' own bilinear shape functions | 4 nodes | yes |
 | `rbf` | the study's radial basis functions, linear kernel, all nodes | all nodes | yes |
 | `local-rbf` | the same kernel on the nearest nodes found by a KD-tree | 16 nodes | yes |
@@ -20,8 +21,9 @@ from scipy.spatial.distance import cdist
 from bulgefit.errors import InputError
 from bulgefit.fem.geometry import shape_functions
 from bulgefit.fem.mesh import Mesh
+from bulgefit.model.smooth import SmoothField, smooth_field, smooth_value
 
-__all__ = ["METHODS", "Observation", "observe"]
+__all__ = ["METHODS", "Operators", "operators"]
 
 Floats = NDArray[np.float64]
 
@@ -31,35 +33,72 @@ _CANDIDATES = 12  # cells whose centres are nearest to a point
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
-    """Nodal fields to measured points: `matrix` is (points, nodes), sparse CSR or dense."""
+class Operators:
+    """Nodal fields to measured points.
 
-    matrix: sparse.csr_array | Floats
+    Attributes
+    ----------
+    value : (points, nodes) csr_array or array, 1
+    gradients : pair of csr_array or None, 1/mm
+        By x and by y; None where they were not asked for.
+    """
+
+    value: sparse.csr_array | Floats
+    gradients: tuple[sparse.csr_array, sparse.csr_array] | None
+
+    @classmethod
+    def of(cls, field: SmoothField) -> Operators:
+        """From value and gradient operators."""
+        return cls(field.value, (field.by_x, field.by_y))
 
     def __call__(self, nodal: NDArray[np.floating]) -> Floats:
-        """Field (k, n, 3) at the nodes to (k, points, 3)."""
-        k, n, c = nodal.shape
-        flat = np.ascontiguousarray(np.moveaxis(nodal, 1, 0)).reshape(n, k * c)
-        return np.moveaxis((self.matrix @ flat).reshape(-1, k, c), 0, 1)
+        """Field (frames, n, 3) at the nodes to (frames, points, 3)."""
+        return _applied(self.value, nodal)
 
-    def adjoint(self, cotangent: NDArray[np.floating]) -> Floats:
-        """Weights (k, points, 3) of the points to weights (k, n, 3) of the nodes."""
-        k, m, c = cotangent.shape
-        flat = np.ascontiguousarray(np.moveaxis(cotangent, 1, 0)).reshape(m, k * c)
-        return np.moveaxis((self.matrix.T @ flat).reshape(-1, k, c), 0, 1)
+    def slopes(self, nodal: NDArray[np.floating]) -> tuple[Floats, Floats]:
+        """Derivatives by x and by y of a nodal field, each (frames, points, 3)."""
+        assert self.gradients is not None
+        by_x, by_y = self.gradients
+        return _applied(by_x, nodal), _applied(by_y, nodal)
+
+    def of_points(self, points: slice | NDArray[np.intp]) -> Operators:
+        """At some of the points."""
+        if isinstance(points, slice) and points == slice(None):
+            return self
+        some = self.gradients
+        return Operators(
+            self.value[points], None if some is None else (some[0][points], some[1][points])
+        )
 
 
-def observe(mesh: Mesh, points: NDArray[np.floating], method: str = "shape") -> Observation:
-    """Operator from nodal fields of `mesh` to `points` (m, 2 or 3) mm.
+def _applied(operator: sparse.csr_array | Floats, nodal: NDArray[np.floating]) -> Floats:
+    frames, n, components = nodal.shape
+    flat = np.ascontiguousarray(np.moveaxis(nodal, 1, 0)).reshape(n, frames * components)
+    return np.moveaxis((operator @ flat).reshape(-1, frames, components), 0, 1)
+
+
+def operators(
+    mesh: Mesh, points: NDArray[np.floating], method: str = "smooth", *, gradients: bool = False
+) -> Operators:
+    """Operators from nodal fields of `mesh` to `points` (m, 2 or 3) mm.
 
     Raises
     ------
     InputError
-        Unknown method.
+        Unknown method, or gradients of one that has none.
     """
+    places = np.asarray(points, dtype=np.float64)[:, :2]
+    if method == "smooth":
+        if gradients:
+            return Operators.of(smooth_field(mesh.nodes, places))
+        return Operators(smooth_value(mesh.nodes, places), None)
     if method not in METHODS:
         raise InputError(f"evaluation: {method!r} is unknown; choose from {', '.join(METHODS)}")
-    return Observation(METHODS[method](mesh, np.asarray(points, dtype=np.float64)[:, :2]))
+    if gradients:
+        raise InputError(f"evaluation {method} has no gradients: points may not move over it")
+    made = METHODS[method]
+    assert made is not None
+    return Operators(made(mesh, places), None)
 
 
 def _shape(mesh: Mesh, points: Floats) -> sparse.csr_array:
@@ -125,4 +164,4 @@ def _local_rbf(mesh: Mesh, points: Floats) -> sparse.csr_array:
 
 
 #: Ways to evaluate a nodal field at points.
-METHODS = {"shape": _shape, "rbf": _rbf, "local-rbf": _local_rbf}
+METHODS = {"smooth": None, "shape": _shape, "rbf": _rbf, "local-rbf": _local_rbf}

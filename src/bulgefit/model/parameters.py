@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import (
     isotropic_constants,
@@ -16,37 +17,31 @@ from bulgefit.fem.elasticity import (
     orthotropic_stiffness_derivative,
 )
 
-__all__ = ["MATERIALS", "Material", "Parameter", "material"]
+__all__ = ["MATERIALS", "Material", "as_material", "material"]
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """A material parameter: its unit and the bounds a fit uses unless told otherwise."""
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
+def _modulus(name: str, lower: float, upper: float) -> Parameter:
+    return Parameter(name, "MPa", lower, upper, null=None, coordinate="log")
 
 
 #: Parameters of each kind of material, in order; `nu12` and `nu` are held unless freed.
-#: The bounds of the moduli are the published study's.
+#: The bounds of the moduli are the published study's, for tests that imply none.
 MATERIALS: dict[str, tuple[Parameter, ...]] = {
     "orthotropic": (
-        Parameter("E1", "MPa", 100.0, 400.0),
-        Parameter("E2", "MPa", 50.0, 300.0),
-        Parameter("G12", "MPa", 2.0, 10.0),
-        Parameter("nu12", "1", 0.0, 0.5),
+        _modulus("E1", 100.0, 400.0),
+        _modulus("E2", 50.0, 300.0),
+        _modulus("G12", 2.0, 10.0),
+        Parameter("nu12", "1", 0.0, 0.5, null=None),
     ),
     "isotropic": (
-        Parameter("E", "MPa", 50.0, 500.0),
-        Parameter("nu", "1", 0.0, 0.49),
+        _modulus("E", 50.0, 500.0),
+        Parameter("nu", "1", 0.0, 0.49, null=None),
     ),
     "isotropic-EG": (
-        Parameter("E", "MPa", 50.0, 500.0),
-        Parameter("G", "MPa", 20.0, 200.0),
+        _modulus("E", 50.0, 500.0),
+        _modulus("G", 20.0, 200.0),
     ),
 }
 
@@ -84,10 +79,11 @@ class Material:
         """∂(D11, D22, D12, D33)/∂(values), (4, parameters)."""
         c = self.constants()
         by_constants = orthotropic_stiffness_derivative(c["E1"], c["E2"], c["G12"], c["nu12"])
-        return by_constants @ self._constants_derivative(c)
+        return by_constants @ self.constants_derivative()
 
-    def _constants_derivative(self, c: Mapping[str, float]) -> Floats:
-        """∂(E1, E2, G12, nu12)/∂(values)."""
+    def constants_derivative(self) -> Floats:
+        """∂(E1, E2, G12, nu12)/∂(values), (4, parameters)."""
+        c = self.constants()
         if self.kind == "orthotropic":
             return np.eye(4)
         modulus, shear, nu = c["E1"], c["G12"], c["nu12"]
@@ -119,6 +115,30 @@ def material(kind: str, **values: float) -> Material:
     made = Material(kind, {n: float(values[n]) for n in names})
     made.stiffness()
     return made
+
+
+def as_material(given: Material | Mapping[str, float], poisson_ratio: float) -> Material:
+    """A material as it is, or of the parameters that a mapping gives.
+
+    Parameters
+    ----------
+    given : Material or mapping
+        E1, E2, G12 (MPa); or E, or E and G.
+    poisson_ratio : float
+        Where the mapping gives none.
+
+    Raises
+    ------
+    InputError
+        Missing or unknown parameters, or values that are not admissible.
+    """
+    if isinstance(given, Material):
+        return given
+    if "E1" in given or "E2" in given:
+        return material("orthotropic", **{"nu12": poisson_ratio, **given})
+    if "G" in given:
+        return material("isotropic-EG", **given)
+    return material("isotropic", **{"nu": poisson_ratio, **given})
 
 
 def parameters_of(kind: str) -> tuple[Parameter, ...]:
@@ -168,7 +188,7 @@ def free_parameters(
         if known[name].unit == "MPa" and lower <= 0:
             raise InputError(f"bounds of {name} must be positive, got {lower:g}:{upper:g} MPa")
     return tuple(
-        Parameter(n, known[n].unit, *limits.get(n, (known[n].lower, known[n].upper)))
+        replace(known[n], lower=limits[n][0], upper=limits[n][1]) if n in limits else known[n]
         for n in known
         if n in wanted
     )

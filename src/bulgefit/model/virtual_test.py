@@ -1,219 +1,402 @@
-"""The virtual bulge test: material parameters to displacements at the measured points."""
+"""The virtual bulge test: parameters to displacements as the cameras would report them.
+
+    parameters -> the effects' hooks fill the five places (`description`)
+               -> the membrane balances each frame's pressure (`inflation`)
+               -> the field is read at the measured points (`observation`, `window`)
+               -> the cameras' hooks make of it what is reported (`camera`)
+
+with the derivative of every reported value by every parameter that is asked for: what a parameter
+does in each place is told by differences of that place alone, so an effect needs no more than its
+hooks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.places import Load, Scene
+from bulgefit.effects.registry import effect_named
 from bulgefit.errors import InputError
-from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc
-from bulgefit.fem.path import Path
-from bulgefit.fem.quarter import trace_by_quarter
-from bulgefit.model.observation import Observation, observe
-from bulgefit.model.parameters import Material
+from bulgefit.model.camera import Places, place, scene_of, see, see_slope, window_of
+from bulgefit.model.description import (
+    CONSTANTS,
+    Active,
+    Description,
+    Values,
+    active_effects,
+    checked,
+    describe,
+    null_values,
+)
+from bulgefit.model.inflation import LEAST_PRESSURE, Change, Inflation, Shapes
+from bulgefit.model.observation import Operators, operators
+from bulgefit.model.setup import Setup
+from bulgefit.model.window import Window
 
-__all__ = ["STUDY_LEVELS", "Fields", "Setup", "VirtualTests", "apex_blocks"]
+__all__ = ["Prediction", "VirtualTest", "virtual_tests"]
 
-Floats = NDArray[np.floating]
+Floats = NDArray[np.float64]
 
-#: The study's pressure levels, MPa.
-STUDY_LEVELS = np.linspace(0.001, 3.0, 200) * 0.1
-
-#: Paths start here (MPa) or at a tenth of the highest pressure; symmetry covers the rest to zero.
-LIGHT_PRESSURE = 1e-4
-
-
-@dataclass(frozen=True)
-class Setup:
-    """How the virtual test is computed.
-
-    Attributes
-    ----------
-    law : {"hencky", "svk"}
-    mesh : Mesh or None
-        None: a disc of the test's radius, `refine` times refined.
-    refine : int
-    relaxation : bool
-        Tension-field relaxation.
-    evaluation : {"shape", "rbf", "local-rbf"}
-        Field evaluation at the measured points.
-    interpolation : {"dense", "study"}
-        In pressure: the path's dense output, or linear between the study's 200 levels.
-    tolerance : float, mm
-        Of the dense output, for a radius of 100 mm.
-    linear_solver : str or None
-        Force a linear solver; None chooses by size.
-    """
-
-    law: str = "hencky"
-    mesh: Mesh | None = field(default=None, compare=False)
-    refine: int = DEFAULT_REFINE
-    relaxation: bool = True
-    evaluation: str = "shape"
-    interpolation: str = "dense"
-    tolerance: float = 1e-3
-    linear_solver: str | None = None
-
-    def __post_init__(self) -> None:
-        if self.interpolation not in ("dense", "study"):
-            raise InputError(
-                f"interpolation: {self.interpolation!r} is unknown; choose from dense, study"
-            )
+#: Half the span (mm²) of a difference by the square of the window.
+_WINDOW_STEP = 4.0
+#: Sets of operators at the points that are kept: points that move make new ones.
+_KEPT = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Fields:
-    """Nodal displacements of one test at the pressures of its frames.
+class Prediction:
+    """Reported displacements and their derivatives.
 
     Attributes
     ----------
-    displacement : (frames, n, 3) array, mm
-    derivative : (parameters, frames, n, 3) array or None
-        By the material's parameters (mm/MPa, mm).
+    displacement : (frames, points, 3) array, mm
+    derivative : (parameters, frames, points, 3) array
+        By values; by their squares where that is the parameter's coordinate.
+    shapes : Shapes
     """
 
     displacement: Floats
-    derivative: Floats | None
+    derivative: Floats
+    shapes: Shapes
 
 
-class VirtualTests:
-    """Tests, and the membranes that stand for their specimens.
-
-    Tests of the same radius and thickness share a membrane and so its path.
+class VirtualTest:
+    """The virtual twin of a measured test, with every effect at hand.
 
     Parameters
     ----------
-    tests : sequence of BulgeTest
-    setup : Setup
+    test : BulgeTest
+    setup : Setup, optional
+    threads : int
+        Frames that are balanced side by side; the result does not depend on it.
+    inflation : Inflation, optional
+        Shared with tests of the same clamp radius and thickness.
+
+    Attributes
+    ----------
+    correction : (frames, n, 3) array, mm, or None
+        The mesh's error, taken off the nodes (see `bulgefit.model.mesh_error`).
     """
 
-    def __init__(self, tests: Sequence[BulgeTest], setup: Setup | None = None) -> None:
-        if not tests:
-            raise InputError("no bulge test was given")
-        self.tests = tuple(tests)
-        self.setup = setup or Setup()
-        self._membranes: dict[tuple[float, float], Membrane] = {}
-        for test in self.tests:
-            key = (test.radius, test.thickness)
-            if key not in self._membranes:
-                self._membranes[key] = self._membrane(test)
-        # the points are kept beside their operator, so that their id stays theirs
-        self._observations: dict[tuple[int, float, float], tuple[Floats, Observation]] = {}
+    def __init__(
+        self,
+        test: BulgeTest,
+        setup: Setup | None = None,
+        threads: int = 1,
+        inflation: Inflation | None = None,
+    ) -> None:
+        self.test, self.setup, self.threads = test, setup or Setup(), threads
+        self.inflation = inflation or Inflation.of([test], self.setup)
+        self.mesh = self.inflation.mesh
+        self.recorded = np.asarray(test.pressure, dtype=np.float64)
+        self.time = None if test.time is None else np.asarray(test.time, np.float64)
+        self.correction: Floats | None = None
+        self._window: Window | None = None
+        self._operators: dict[object, tuple[Operators, Places]] = {}
 
-    def __getstate__(self) -> dict[str, object]:
-        # an id means another array in another process, or none
-        return {**self.__dict__, "_observations": {}}
+    def __getstate__(self) -> dict[str, Any]:
+        # what comes from the test, or is as soon made as sent, is made again
+        return {**self.__dict__, "_operators": {}}
 
-    def _membrane(self, test: BulgeTest) -> Membrane:
-        setup = self.setup
-        mesh = setup.mesh or disc(test.radius, setup.refine)
-        rim = np.hypot(*mesh.nodes[mesh.rim].T)
-        if np.abs(rim / test.radius - 1).max() > 1e-3:
-            raise InputError(
-                f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
-                f"the clamp of {test.name} at {test.radius:g} mm; give a mesh of that disc"
-            )
-        return Membrane(
-            mesh,
-            test.thickness,
-            setup.law,
-            relaxation=setup.relaxation,
-            solver=setup.linear_solver,
+    def nulls(self) -> dict[str, float]:
+        """Values at which the effects are absent where that is the test's own."""
+        return null_values(self.test.poisson_ratio)
+
+    def shapes(
+        self, values: Values, names: Iterable[str] = (), near: Shapes | None = None
+    ) -> Shapes:
+        """Balance every frame.
+
+        Parameters
+        ----------
+        values : mapping
+            E1, E2, G12 (MPa) and any effect's parameters; nu12 is the test's unless given.
+        names : iterable of str
+            Parameters to differentiate by; those of the cameras change no shape.
+        near : Shapes, optional
+            Of a neighbouring parameter set, with derivatives: the start.
+
+        Raises
+        ------
+        InputError
+            Unknown names, or constants that are not admissible.
+        SolveError
+        """
+        given = {"nu12": self.test.poisson_ratio, **values}
+        checked([*given, *names])
+        here, changes = self._described(given, names)
+        constant = all(name in CONSTANTS or c.of_law for name, c in changes.items())
+        same = all(
+            name in CONSTANTS or c.below.law_parameters == c.above.law_parameters
+            for name, c in changes.items()
         )
+        straight = not any((*here.fabric.gain, *here.fabric.bend))
+        straight = straight or not any(name in CONSTANTS for name in changes)
+        if here.is_plain and constant and same and straight:
+            return self.inflation.along_path(here, given, changes)
+        if self.setup.interpolation == "study":
+            raise InputError("the study's way knows no effects beside the moduli")
+        return self.inflation.balanced(here, given, changes, near, self.threads)
 
-    def membrane(self, test: BulgeTest) -> Membrane:
-        """The membrane that stands for a test's specimen."""
-        return self._membranes[test.radius, test.thickness]
-
-    def observation(self, test: BulgeTest, block: Block) -> Observation:
-        """Operator from the test's mesh to the points of a block, built once."""
-        key = (id(block.reference), test.radius, test.thickness)
-        if key not in self._observations:
-            operator = observe(self.membrane(test).mesh, block.reference, self.setup.evaluation)
-            self._observations[key] = block.reference, operator
-        return self._observations[key][1]
-
-    def paths(self, material: Material, *, derivatives: bool) -> dict[tuple[float, float], Path]:
-        """One traced path per membrane; raises SolveError with the material's parameters."""
-        return {
-            key: trace_by_quarter(
-                membrane,
-                material.stiffness(),
-                self._range(key),
-                tolerance=self.setup.tolerance,
-                sensitivities=derivatives,
-                parameters=material.values,
-            )
-            for key, membrane in self._membranes.items()
+    def _described(
+        self, values: Values, names: Iterable[str]
+    ) -> tuple[Description, dict[str, Change]]:
+        """What the values describe, and how that changes with the names that change it."""
+        slips = False
+        while True:
+            here = self._describe(values, slips=slips)
+            changes = {name: self._change(name, values, slips) for name in names}
+            ends = [d for c in changes.values() for d in (c.below, c.above)]
+            if slips or here.fabric.compliance is not None:
+                break
+            slips = any(d.fabric.compliance is not None for d in ends)
+            if not slips:
+                break
+        return here, {
+            name: change
+            for name, change in changes.items()
+            if not change.of_law
+            or change.rate.any()
+            or change.below.law_parameters != change.above.law_parameters
         }
 
-    def _range(self, key: tuple[float, float]) -> tuple[float, float]:
-        high = max(float(t.pressure.max()) for t in self.tests if (t.radius, t.thickness) == key)
-        if high <= 0.0:
-            raise InputError("no frame has a positive pressure")
-        if self.setup.interpolation == "study":
-            above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
-            high = float(STUDY_LEVELS[above])
-        return min(LIGHT_PRESSURE, 0.1 * high), high
+    def _describe(self, values: Values, *, slips: bool) -> Description:
+        active = active_effects(values, self.nulls())
+        mesh, radius = self.mesh, self.test.radius
+        return describe(mesh, radius, self.recorded, self.time, values, active, slips=slips)
 
-    def fields(self, material: Material, *, derivatives: bool = False) -> list[Fields]:
-        """Nodal displacements at every test's pressures; raises SolveError."""
-        paths = self.paths(material, derivatives=derivatives)
-        by_stiffness = material.stiffness_derivative() if derivatives else None
-        found = []
-        for test in self.tests:
-            path = paths[test.radius, test.thickness]
-            # frames at rest may read slightly below zero
-            pressure = np.clip(test.pressure, 0.0, None)
-            displacement = self._at(path, pressure)
-            derivative = None
-            if by_stiffness is not None:
-                columns = self._at(path.stiffness_sensitivity, pressure)
-                derivative = np.tensordot(by_stiffness.T, columns, 1)
-            found.append(Fields(displacement, derivative))
+    def load(self, values: Values) -> Load:
+        """Recorded, true and balanced pressures."""
+        load = Load(self.recorded, self.time, self.recorded)
+        for effect, own in active_effects(values, self.nulls()):
+            load = effect.load(own, load)
+        return load
+
+    def _change(self, name: str, values: Values, slips: bool) -> Change:
+        low, high = self.span(name, values)
+        below, above = (self._describe({**values, name: v}, slips=slips) for v in (low, high))
+        return Change(below, above, high - low)
+
+    def span(self, name: str, values: Values) -> tuple[float, float]:
+        """Values below and above a parameter's."""
+        if name in CONSTANTS:
+            return values[name] - CONSTANTS[name], values[name] + CONSTANTS[name]
+        effect, _, parameter = name.partition(".")
+        return effect_named(effect).span(parameter, self._value(name, values))
+
+    def _value(self, name: str, values: Values) -> float:
+        if name in values:
+            return values[name]
+        effect, _, parameter = name.partition(".")
+        null = effect_named(effect).parameter(parameter).null
+        return self.nulls()[name] if null is None else null
+
+    def predict(
+        self,
+        values: Values,
+        names: Sequence[str] = (),
+        near: Shapes | None = None,
+        block: int = 0,
+    ) -> Prediction:
+        """Reported displacements, with derivatives by `names` in order; raises SolveError."""
+        return self.observe(self.shapes(values, names, near), names, block)
+
+    def observe(
+        self,
+        shapes: Shapes,
+        names: Sequence[str] = (),
+        block: int = 0,
+        points: slice | NDArray[np.intp] | None = None,
+    ) -> Prediction:
+        """What the cameras report of given shapes, in a block of the test.
+
+        Parameters
+        ----------
+        points : slice or int array, optional
+            Some of the block's points.
+        """
+        return _Look(self, shapes, names, block, points).prediction()
+
+    def operators_at(
+        self, values: Values, active: Active, block: int, *, gradients: bool
+    ) -> tuple[Operators, Places]:
+        """Operators from the nodes to the points of a block, and where those are; kept."""
+        where = tuple(
+            (effect.id, *own.values())
+            for effect, own in active
+            if effect.uses("locate", "centre", "outline", "window")
+        )
+        key = (block, where)
+        found = self._operators.get(key)
+        if found is None or (gradients and found[0].gradients is None):
+            reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
+            places = place(reference, self.test.radius, active)
+            at = self.test.radius * places.unit
+            square = window_of(active)
+            if square > 0.0:
+                made = Operators.of(self.window().mean(at, float(np.sqrt(square))))
+            else:
+                made = operators(self.mesh, at, self.setup.evaluation, gradients=gradients)
+            found = made, places
+            if len(self._operators) > _KEPT:
+                self._operators.clear()
+            self._operators[key] = found
         return found
 
-    def _at(self, field: Callable[[Floats], Floats], pressure: Floats) -> Floats:
-        """A path's field (..., frames, n, 3) at the frames' pressures."""
-        if self.setup.interpolation == "dense":
-            return field(pressure)
-        levels = np.concatenate([[0.0], STUDY_LEVELS])
-        if pressure.max() > levels[-1]:
-            raise InputError("interpolation study: its levels end at 3 bar")
-        after = np.clip(np.searchsorted(levels, pressure), 1, len(levels) - 1)
-        share = (pressure - levels[after - 1]) / (levels[after] - levels[after - 1])
-        needed, place = np.unique(np.concatenate([after - 1, after]), return_inverse=True)
-        shapes = field(levels[needed])
-        low, high = place[: len(pressure)], place[len(pressure) :]
-        share = share[:, None, None]
-        return (1 - share) * shapes[..., low, :, :] + share * shapes[..., high, :, :]
+    def window(self) -> Window:
+        """Means over windows, made when first asked for."""
+        if self._window is None:
+            self._window = Window(self.mesh.nodes, self.test.radius)
+        return self._window
 
-    def predict(self, material: Material) -> list[tuple[Floats, ...]]:
-        """Displacements at the measured points: per test, one (k, points, 3) array per block."""
-        return [
-            tuple(
-                self.observation(test, block)(fields.displacement[block.frames])
-                for block in test.blocks
+
+class _Look:
+    """One look of the cameras at shapes: values once, derivatives name by name."""
+
+    def __init__(
+        self,
+        virtual: VirtualTest,
+        shapes: Shapes,
+        names: Sequence[str],
+        block: int,
+        points: slice | NDArray[np.intp] | None,
+    ) -> None:
+        self.virtual, self.shapes, self.names, self.block = virtual, shapes, names, block
+        some = slice(None) if points is None else points
+        self.points = some
+        measured = virtual.test.blocks[block]
+        self.frames = measured.frames
+        self.reference = np.asarray(measured.reference, dtype=np.float64)[some]
+        self.moves = [n for n in names if self._uses(n, "locate", "centre", "outline")]
+        self.active = active_effects(shapes.values, virtual.nulls())
+        made, places = virtual.operators_at(
+            shapes.values, self.active, block, gradients=bool(self.moves)
+        )
+        self.operators, self.places = made.of_points(some), _some(places, some)
+        field = shapes.displacement
+        if virtual.correction is not None:
+            field = field + virtual.correction
+        self.field = _of_frames(field, self.frames)
+        self.moved = self.operators(self.field)
+        self.scene = self._scene(shapes.values, self.active, self.places)
+
+    def _uses(self, name: str, *hooks: str) -> bool:
+        return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
+
+    def _scene(self, values: Values, active: Active, places: Places) -> Scene:
+        applied = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)[self.frames]
+        return scene_of(self.reference, places, applied, self.virtual.test.radius, active)
+
+    def prediction(self) -> Prediction:
+        displacement = see(self.scene, self.active, self.moved)
+        rows = np.zeros((len(self.names), *displacement.shape))
+        if self.names:
+            through = see_slope(self.scene, self.active, self.moved)
+            for row, name in zip(rows, self.names, strict=True):
+                change = self._of_fabric(name)
+                if change is not None:
+                    row += through(change)
+                if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
+                    row += self._of_camera(name)
+        return Prediction(displacement, rows, self.shapes)
+
+    def _of_fabric(self, name: str) -> Floats | None:
+        """Change of the displacement at the points before the cameras' maps."""
+        out = None
+        if name in self.shapes.derivative:
+            out = self.operators(_of_frames(self.shapes.derivative[name], self.frames))
+        if name in self.moves:
+            out = _sum(out, self._of_motion(name))
+        if self._uses(name, "window"):
+            out = _sum(out, self._of_window())
+        return out
+
+    def _ends(self, name: str) -> tuple[list[tuple[dict[str, float], Active, Places]], float]:
+        """Values, active effects and places of the points below and above a parameter's value."""
+        low, high = self.virtual.span(name, self.shapes.values)
+        ends = []
+        for value in (low, high):
+            values = {**self.shapes.values, name: value}
+            active = active_effects(values, self.virtual.nulls())
+            moves = name in self.moves
+            places = (
+                place(self.reference, self.virtual.test.radius, active) if moves else self.places
             )
-            for test, fields in zip(self.tests, self.fields(material), strict=True)
-        ]
+            ends.append((values, active, places))
+        return ends, high - low
+
+    def _of_motion(self, name: str) -> Floats:
+        """What the field's gradient makes of points that move over the fabric."""
+        ((_, _, below), (_, _, above)), span = self._ends(name)
+        motion = self.virtual.test.radius * (above.unit - below.unit) / span
+        by_x, by_y = self.operators.slopes(self.field)
+        return np.asarray(motion[:, :1] * by_x + motion[:, 1:] * by_y)
+
+    def _of_window(self) -> Floats:
+        """∂/∂(window²) of the averaged field: by a difference in it."""
+        at = window_of(self.active)
+        window, points = self.virtual.window(), self.virtual.test.radius * self.places.unit
+        ends = [at - _WINDOW_STEP, at + _WINDOW_STEP] if at > _WINDOW_STEP else [0.0, at + 4.0]
+        fields = []
+        for square in ends:
+            if square > 0.0:
+                operator = Operators(window.value(points, float(np.sqrt(square))), None)
+            else:
+                plain = self.virtual.setup.evaluation
+                operator = operators(self.virtual.mesh, points, plain, gradients=False)
+            fields.append(operator(self.field))
+        return np.asarray((fields[1] - fields[0]) / (ends[1] - ends[0]))
+
+    def _of_camera(self, name: str) -> Floats:
+        """Change of what is reported at a fixed displacement of the fabric."""
+        ends, span = self._ends(name)
+        if not self.scene.turn.any() and not self._uses(name, "see", "motion", "locate"):
+            depends = any(e.uses("see", "motion") for e, _ in self.active)
+            if not depends:
+                return np.zeros(1)
+        below, above = (
+            see(self._scene(values, active, places), active, self.moved)
+            for values, active, places in ends
+        )
+        return np.asarray((above - below) / span)
 
 
-def apex_blocks(test: BulgeTest) -> tuple[Block, ...]:
-    """The measured point nearest the centre of each frame, its dz alone (dx, dy NaN)."""
-    blocks = []
-    for block in test.blocks:
-        apex = test.apex[block.frames]
-        for point in np.unique(apex[apex >= 0]):
-            rows = np.flatnonzero(apex == point)
-            displacement = np.full((len(rows), 1, 3), np.nan)
-            displacement[:, 0, 2] = block.displacement[rows, point, 2]
-            blocks.append(
-                Block(block.reference[point : point + 1], block.frames[rows], displacement)
-            )
-    return tuple(blocks)
+def virtual_tests(
+    tests: Sequence[BulgeTest], setup: Setup | None = None, threads: int = 1
+) -> tuple[VirtualTest, ...]:
+    """Virtual twins of several tests; those of one radius and thickness share their paths.
+
+    Raises
+    ------
+    InputError
+        No test, or one without pressure.
+    """
+    if not tests:
+        raise InputError("no bulge test was given")
+    setup = setup or Setup()
+    alike: dict[tuple[float, float], list[BulgeTest]] = {}
+    for test in tests:
+        alike.setdefault((test.radius, test.thickness), []).append(test)
+    inflations = {key: Inflation.of(group, setup) for key, group in alike.items()}
+    return tuple(
+        VirtualTest(test, setup, threads, inflations[test.radius, test.thickness]) for test in tests
+    )
+
+
+def _some(places: Places, points: slice | NDArray[np.intp]) -> Places:
+    return Places(places.position[points], places.unit[points])
+
+
+def _sum(a: Floats | None, b: Floats) -> Floats:
+    return b if a is None else a + b
+
+
+def _of_frames(field: Floats, frames: NDArray[np.intp]) -> Floats:
+    """The frames of a block from (frames, n, 3), without a copy where it has them all."""
+    return field if len(frames) == len(field) else field[frames]

@@ -1,0 +1,199 @@
+"""What do --with, --hold, --from, --prior and --uncertainty say?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.fitting.problem import Prior
+
+__all__ = [
+    "add_effect_arguments",
+    "add_freeing_arguments",
+    "held_from",
+    "priors_from",
+    "take_found_moduli",
+    "uncertainty_from",
+    "with_from",
+]
+
+
+def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --hold and --from."""
+    group = parser.add_argument_group("effects", "what the test has that the ideal one has not")
+    group.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        metavar="EFFECT.PARAMETER=VALUE",
+        help="set a parameter of an effect, in its unit, as clamp_slip.compliance=0.02; several by "
+        "commas or by giving it again (default: every effect is absent)",
+    )
+    group.add_argument(
+        "--from",
+        dest="from_file",
+        metavar="GAP.json",
+        help="set the effects' parameters to what bulgefit diagnose found and wrote with --json",
+    )
+
+
+def add_freeing_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --with, --prior and --uncertainty."""
+    group = parser.add_argument_group("effects that are fitted")
+    group.add_argument(
+        "--with",
+        dest="with_effects",
+        action="append",
+        default=[],
+        metavar="EFFECT,...",
+        help="fit these effects (or single parameters, EFFECT.PARAMETER) beside the moduli, as "
+        "clamp_slip,initial_shape",
+    )
+    group.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE+-SD",
+        help="what is believed of a fitted parameter, in its unit, as E1=300+-60",
+    )
+    group.add_argument(
+        "--uncertainty",
+        action="append",
+        default=[],
+        metavar="NAME=SD",
+        help="standard deviation of thickness, radius or pressure, as a share (thickness=0.02), or "
+        "of nu12; intervals include it",
+    )
+
+
+def _items(given: list[str], option: str) -> list[tuple[str, str]]:
+    """NAME=VALUE pairs; each name once."""
+    found: dict[str, str] = {}
+    for item in (part.strip() for text in given for part in text.split(",")):
+        if not item:
+            continue
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if not (name and equals and value):
+            raise InputError(f"--{option}: {item!r} is not of the form NAME=VALUE")
+        if name in found:
+            raise InputError(f"--{option}: {name} is given twice; give it once")
+        found[name] = value
+    return list(found.items())
+
+
+def _number(text: str, option: str, name: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"--{option} {name}: {text!r} is no finite number")
+    return value
+
+
+def held_from(args: argparse.Namespace, tests: int = 1) -> dict[str, float]:
+    """Values of effects' parameters that --from and --hold set; --hold goes before.
+
+    Parameters
+    ----------
+    tests : int
+        Number of tests: `effect.parameter@i` of a diagnosis is test i's own.
+    """
+    held: dict[str, float] = {}
+    if args.from_file is not None:
+        held |= _found_effects(Path(args.from_file), tests)
+    for name, text in _items(args.hold, "hold"):
+        if "." not in name:
+            raise InputError(
+                f"--hold {name}: name an effect's parameter as EFFECT.PARAMETER; moduli are held "
+                "by equal --bounds, Poisson's ratio by --nu12"
+            )
+        held[name] = _number(text, "hold", name)
+    return held
+
+
+def with_from(args: argparse.Namespace) -> tuple[str, ...]:
+    """Effects that --with frees."""
+    names = [part.strip() for text in args.with_effects for part in text.split(",")]
+    return tuple(dict.fromkeys(name for name in names if name))
+
+
+def priors_from(args: argparse.Namespace) -> dict[str, Prior]:
+    """Of --prior."""
+    from bulgefit.fitting.problem import Prior
+
+    out = {}
+    for name, text in _items(args.prior, "prior"):
+        mean, sign, deviation = text.replace("±", "+-").partition("+-")
+        if not sign:
+            raise InputError(f"--prior {name}={text}: give NAME=VALUE+-SD, as E1=300+-60")
+        out[name] = Prior(_number(mean, "prior", name), _number(deviation, "prior", name))
+    return out
+
+
+def uncertainty_from(args: argparse.Namespace) -> dict[str, float]:
+    """Of --uncertainty."""
+    return {
+        name: _number(text, "uncertainty", name)
+        for name, text in _items(args.uncertainty, "uncertainty")
+    }
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--from {path}: cannot be read ({error.strerror})") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"--from {path}: no JSON of bulgefit diagnose ({error})") from error
+    if not isinstance(content, dict) or not isinstance(content.get("causes"), list):
+        raise InputError(f"--from {path}: no JSON of bulgefit diagnose (it has no causes)")
+    return content
+
+
+def _found_effects(path: Path, tests: int) -> dict[str, float]:
+    """Values of the causes' parameters."""
+    from bulgefit.effects.registry import catalogue
+
+    known = {name for effect in catalogue().values() for name in effect.names}
+    held = {}
+    for cause in _read(path)["causes"]:
+        try:
+            effect, parameters = cause["effect"], cause["parameters"]
+            values = {f"{effect}.{name}": float(p["value"]) for name, p in parameters.items()}
+        except (TypeError, KeyError, ValueError, AttributeError) as error:
+            raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
+        for name, value in values.items():
+            base, at, index = name.partition("@")
+            if base not in known:
+                raise InputError(
+                    f"--from {path}: {base} is no parameter that a model can be given (an offset "
+                    "of every point, say); leave it out and hold the others with --hold"
+                )
+            if at and tests == 1:
+                raise InputError(
+                    f"--from {path}: it is about several tests; give them all, or --hold the values"
+                )
+            held[f"{base}@{index}" if at else base] = value
+    return held
+
+
+def take_found_moduli(args: argparse.Namespace) -> None:
+    """Set the moduli (MPa) that --from found and no option gives."""
+    if args.from_file is None or args.E is not None:
+        return
+    path = Path(args.from_file)
+    try:
+        found = _read(path)["parameters"]["corrected"]
+        moduli = {name: float(found[name]["value"]) for name in ("E1", "E2", "G12")}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"--from {path}: it has no moduli ({error!r}); give them") from error
+    for name, value in moduli.items():
+        if getattr(args, name) is None:
+            setattr(args, name, value)

@@ -1,0 +1,160 @@
+"""What is an effect? One object with its words, its parameters, and hooks into the five places.
+
+An effect overrides only the hooks that it uses; everything else (the virtual test, fits, the
+diagnosis, reports) is generic and reads attributes. Hooks get `own`, the values of all its
+parameters by name. A hook at the nulls must change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.places import Clamping, Cloth, Load, Scene
+
+__all__ = ["PLACES", "Effect", "several", "stages"]
+
+Floats = NDArray[np.float64]
+Own = Mapping[str, float]
+
+PLACES = ("shape", "clamp", "material", "load", "camera")
+
+
+class Effect:
+    """What a real test may have that the ideal one has not.
+
+    Attributes
+    ----------
+    id : str
+        Also the name of its file.
+    place : str
+        One of `PLACES`.
+    meaning : str
+        What it is, in a line.
+    remedy : str
+        What a lab can do about it, in a line.
+    parameters : tuple of Parameter
+    forms : tuple of tuple of str
+        Names of the parameters of each form that it may take, the most flexible last; default:
+        all parameters.
+    shared : bool
+        True for what belongs to the cloth: its specimens share it.
+    needs : tuple of str
+        Fields of a test without which it cannot be judged ("time").
+    never_separable : str
+        Why no test can tell it apart, else "".
+    steady : tuple of str
+        Parameters whose effect is the same in every frame: an offset of every point contains it.
+    order : int
+        Among the effects of its place: lower ones act first.
+    """
+
+    id: ClassVar[str] = ""
+    place: ClassVar[str] = ""
+    meaning: ClassVar[str] = ""
+    remedy: ClassVar[str] = ""
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    shared: ClassVar[bool] = False
+    needs: ClassVar[tuple[str, ...]] = ()
+    never_separable: ClassVar[str] = ""
+    steady: ClassVar[tuple[str, ...]] = ()
+    order: ClassVar[int] = 0
+
+    # shape
+
+    def outline(self, own: Own, unit: Floats) -> Floats:
+        """Positions (n, 2) in the plane, over the radius, of points (n, 2) of the unit disc."""
+        return unit
+
+    def height(self, own: Own, unit: Floats) -> Floats:
+        """Stress-free height (n,) mm that it adds at points (n, 2) of the unit disc."""
+        return np.zeros(len(unit))
+
+    # clamp
+
+    def clamp(self, own: Own, clamping: Clamping) -> Clamping:
+        """The clamp with the effect."""
+        return clamping
+
+    # material
+
+    def material(self, own: Own, cloth: Cloth) -> Cloth:
+        """The cloth with the effect."""
+        return cloth
+
+    # load
+
+    def load(self, own: Own, load: Load) -> Load:
+        """The load with the effect."""
+        return load
+
+    # camera
+
+    def locate(self, own: Own, seen: Floats, radius: float) -> Floats:
+        """Positions (n, 2) mm, in the cameras' frame, of points that are seen at `seen` (n, 2)."""
+        return seen
+
+    def centre(self, own: Own) -> tuple[float, float]:
+        """Where (mm) it puts the clamp's centre in the cameras' frame."""
+        return 0.0, 0.0
+
+    def window(self, own: Own) -> float:
+        """Square (mm²) of the radius over which it averages displacements."""
+        return 0.0
+
+    def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
+        """Displacements (frames, n, 3) mm as it reports them, of displacements `moved`."""
+        return moved
+
+    def motion(self, own: Own, scene: Scene) -> tuple[Floats, Floats]:
+        """Rotation vector (degree) and shift (mm) of the frame, each (frames, 3)."""
+        none = np.zeros((len(scene.pressure), 3))
+        return none, none
+
+    # what is derived
+
+    @classmethod
+    def uses(cls, *hooks: str) -> bool:
+        """Whether it overrides any of these hooks."""
+        return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
+
+    def parameter(self, name: str) -> Parameter:
+        """One of its parameters; KeyError."""
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(name)
+
+    def span(self, name: str, value: float) -> tuple[float, float]:
+        """Values below and above one of a parameter, to take a difference over."""
+        step = self.parameter(name).step
+        return value - step, value + step
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its parameters as commands and JSON write them: `effect.parameter`."""
+        return tuple(f"{self.id}.{p.name}" for p in self.parameters)
+
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Names (`effect.parameter`) that may be freed together, one group for each form."""
+        forms = self.forms or (tuple(p.name for p in self.parameters),)
+        return tuple(tuple(f"{self.id}.{name}" for name in form) for form in forms)
+
+
+def stages(names: tuple[str, ...], *counts: int) -> tuple[tuple[str, ...], ...]:
+    """Forms that contain the ones before: the first so many names."""
+    return tuple(names[:count] for count in counts)
+
+
+def several(
+    names: tuple[str, ...], unit: str, size: float, *, prior: float, reason: str, step: float
+) -> tuple[Parameter, ...]:
+    """Parameters that are alike, plausible from -size to size."""
+    return tuple(
+        Parameter(name, unit, -size, size, prior=prior, reason=reason, step=step) for name in names
+    )

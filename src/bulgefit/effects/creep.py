@@ -1,0 +1,47 @@
+"""Stiffness falls with the logarithm of the time under load."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bulgefit.effects.base import Effect, Own
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.places import Load
+
+__all__ = ["EFFECT"]
+
+
+class Creep(Effect):
+    """Stiffness falls by `rate` per decade of time since the first frame, in its intervals."""
+
+    id = "creep"
+    place = "material"
+    meaning = "stiffness falls with the logarithm of time under load"
+    remedy = "inflate at another rate, or hold a pressure and watch the apex"
+    parameters = (
+        Parameter(
+            "rate",
+            "1 per decade",
+            0.0,
+            0.2,
+            prior=0.03,
+            reason="polyester yarns lose some per cent of stiffness a decade",
+            step=1e-5,
+        ),
+    )
+    shared = True
+    needs = ("time",)
+
+    def load(self, own: Own, load: Load) -> Load:
+        """A fabric whose stiffness fell to a share c balances p as the fresh one balances p/c."""
+        if own["rate"] == 0.0 or load.time is None:
+            return load
+        time = np.asarray(load.time, dtype=float)
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+        elapsed = np.maximum(time - time[0], 0.0) / max(step, 1e-9)
+        return replace(load, softening=load.softening * (1.0 - own["rate"] * np.log10(1 + elapsed)))
+
+
+EFFECT = Creep()

@@ -1,0 +1,98 @@
+"""A parameter: its name, unit, range and null, what is believed of it, and how fits step in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+__all__ = ["Key", "Parameter"]
+
+
+class Key(NamedTuple):
+    """Whose parameter is it: of which effect ("" for the material) and of which specimen.
+
+    `specimen` is None for what all specimens share, and where there is only one.
+    """
+
+    effect: str
+    parameter: str
+    specimen: int | None = None
+
+    @property
+    def name(self) -> str:
+        """As commands and JSON write it, without the specimen: `effect.parameter`, or `E1`."""
+        return f"{self.effect}.{self.parameter}" if self.effect else self.parameter
+
+    @classmethod
+    def of(cls, name: str, specimen: int | None = None) -> Key:
+        """The key of a name."""
+        effect, dot, parameter = name.partition(".")
+        return cls(effect, parameter, specimen) if dot else cls("", name, specimen)
+
+    def __str__(self) -> str:
+        return self.name if self.specimen is None else f"{self.name}@{self.specimen}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a material or of an effect.
+
+    Attributes
+    ----------
+    name, unit : str
+        The unit is "1" where there is none.
+    lower, upper : float
+        What is plausible; for a modulus the bounds that a fit uses unless told otherwise.
+    null : float or None
+        Where the effect is absent; None: what the test states.
+    prior : float
+        Standard deviation of what is believed of it about its null before any measurement.
+    reason : str
+        Why the prior is as wide as it is.
+    step : float
+        Half of the step of a difference, in the parameter's unit.
+    start : float or None
+        Where a fit starts; None: at the null. Off the null where the effect is of second order
+        there, on either side of it where both are plausible.
+    coordinate : {"linear", "log", "square"}
+        What fits step in: what multiplies a stiffness is more nearly linear in its logarithm, and
+        a length that acts through its square in that.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    null: float | None = 0.0
+    prior: float = math.inf
+    reason: str = ""
+    step: float = 1e-5
+    start: float | None = None
+    coordinate: Literal["linear", "log", "square"] = "linear"
+
+    @property
+    def begins_at_null(self) -> bool:
+        """Whether the plausible range begins where the effect is absent: no edge to be held at."""
+        return self.null == self.lower
+
+    def to_coordinate(self, value: float) -> float:
+        """The coordinate of a value."""
+        if self.coordinate == "log":
+            return math.log(value)
+        return value * abs(value) if self.coordinate == "square" else value
+
+    def from_coordinate(self, coordinate: float) -> float:
+        """The value at a coordinate."""
+        if self.coordinate == "log":
+            return math.exp(coordinate)
+        if self.coordinate == "square":
+            return math.copysign(math.sqrt(abs(coordinate)), coordinate)
+        return coordinate
+
+    def slope(self, value: float) -> float:
+        """∂(what the model differentiates by)/∂coordinate: its derivatives are by values,
+
+        but by squares where that is the coordinate.
+        """
+        return value if self.coordinate == "log" else 1.0

@@ -1,0 +1,143 @@
+"""The five places of a virtual test as effects fill them: shape, clamp, material, load, camera.
+
+Each is a frozen record that starts as the ideal test's; an effect's hook returns it changed
+(`dataclasses.replace`). Points of the shape are given on the unit disc, the clamp's radius being 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.fem.clamp import LEAST_COMPLIANCE
+
+__all__ = ["KNEE", "LEAST_SLIP", "Clamping", "Cloth", "Load", "Scene"]
+
+Floats = NDArray[np.float64]
+
+#: Compliance (mm per N/mm) of a clamp that begins to slip: its rim moves by 2e-5 mm.
+LEAST_SLIP = 2.0 * LEAST_COMPLIANCE
+
+#: Knee strain of a fabric whose slope does not change there: any value is a null.
+KNEE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """The material's place.
+
+    Attributes
+    ----------
+    E1, E2, G12 : float, MPa
+    nu12 : float
+    points : (m, 4, 2) array
+        Gauss points on the unit disc.
+    angle : float, degree
+        Warp axis from x, counter-clockwise seen from +z.
+    slack : (2,) tuple
+        Stress-free excess log strain along warp, fill.
+    gain : (2,) tuple
+        Relative change of the secant stiffness per unit strain along warp, fill.
+    bend, knee : (2,) tuples
+        Relative change of the slope beyond the knee strain, along warp, fill.
+    thickness : (m, 4) array or None
+        Stiffness (thickness) of the Gauss points over the nominal one.
+    """
+
+    E1: float
+    E2: float
+    G12: float
+    nu12: float
+    points: Floats
+    angle: float = 0.0
+    slack: tuple[float, float] = (0.0, 0.0)
+    gain: tuple[float, float] = (0.0, 0.0)
+    bend: tuple[float, float] = (0.0, 0.0)
+    knee: tuple[float, float] = (KNEE, KNEE)
+    thickness: Floats | None = None
+
+    def thickened(self, factor: Floats) -> Floats:
+        """`thickness` times a factor (m, 4)."""
+        return factor if self.thickness is None else self.thickness * factor
+
+
+@dataclass(frozen=True, eq=False)
+class Clamping:
+    """The clamp's place.
+
+    Attributes
+    ----------
+    angle : (rim,) array, rad
+        Of the rim's nodes, from x.
+    pressure : (frames,) array, MPa
+        On the clamp.
+    compliance : float or None, mm per N/mm
+        The rim moves inwards by this times the radial edge traction; None: it is held.
+    lift : (frames, rim) array or None, mm
+        How far the rim has risen; None: it stays.
+    """
+
+    angle: Floats
+    pressure: Floats
+    compliance: float | None = None
+    lift: Floats | None = None
+
+    def lifted(self, by: Floats) -> Floats:
+        """`lift` and further (frames, rim) mm."""
+        return by if self.lift is None else self.lift + by
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """The load's place.
+
+    Attributes
+    ----------
+    recorded : (frames,) array, MPa
+    time : (frames,) array or None, s
+    applied : (frames,) array, MPa
+        True pressure on fabric and clamp.
+    softening : float or (frames,) array
+        Stiffness of the fabric over that of the first frame: where it is c, p is balanced as the
+        fresh fabric balances p/c.
+    """
+
+    recorded: Floats
+    time: Floats | None
+    applied: Floats
+    softening: Floats | float = 1.0
+
+    @property
+    def balanced(self) -> Floats:
+        """Pressure (frames,) MPa that the model balances."""
+        return np.asarray(self.applied / self.softening)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What the cameras look at.
+
+    Attributes
+    ----------
+    reference : (n, 3) array, mm
+        Where the points were seen before inflation.
+    position : (n, 2) array, mm
+        Where they are in the cameras' frame, scale and lens undone.
+    standing : (n, 3) array, mm
+        Where they stand when the frame turns: at the initial height.
+    pressure : (frames,) array, MPa
+        Applied, on the fixture.
+    radius : float, mm
+    turn, shift : (frames, 3) arrays, degree and mm
+        Rotation vector and shift of the frame, from all effects together: applied last.
+    """
+
+    reference: Floats
+    position: Floats
+    standing: Floats
+    pressure: Floats
+    radius: float
+    turn: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    shift: Floats = field(default_factory=lambda: np.zeros((0, 3)))

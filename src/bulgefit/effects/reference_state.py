@@ -1,0 +1,83 @@
+"""The reference image shows the fabric already displaced."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Effect, Own, several, stages
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.places import Scene
+
+__all__ = ["EFFECT"]
+
+Floats = NDArray[np.float64]
+
+#: MPa.
+_BAR = 0.1
+#: Degrees (i, j) of the modes P_i(x/a) P_j(y/a), Legendre's polynomials, up to the fifth in all.
+MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
+# by degree, so that a form is a full polynomial in all three components
+_NAMES = tuple(f"{axis}{i}{j}" for n in range(6) for axis in "xyz" for i, j in MODES if i + j == n)
+_AXIS_MAJOR = tuple(f"{axis}{i}{j}" for axis in "xyz" for i, j in MODES)
+
+
+class ReferenceState(Effect):
+    """u_seen = u - h(p) u_ref(x, y): hanging, creased, or under residual pressure.
+
+    h = p/(p + flattening) is the share that pressure has flattened; without a flattening pressure
+    a fabric is smooth at once.
+    """
+
+    id = "reference_state"
+    place = "camera"
+    meaning = "the reference image shows the fabric already displaced"
+    remedy = "take the reference image under a light pressure that makes the fabric smooth"
+    parameters = (
+        *several(
+            _NAMES,
+            "mm",
+            10.0,
+            prior=0.5,
+            reason="creases and sagging of a fabric at rest, per mode",
+            step=1e-3,
+        ),
+        Parameter(
+            "flattening",
+            "bar",
+            0.0,
+            1.0,
+            prior=0.05,
+            reason="creases of coated fabric are gone at some hundredths of a bar",
+            step=1e-5,
+            start=0.02,
+        ),
+    )
+    forms = stages(_NAMES, 9, 18, 30, 45, 63)
+    steady = _NAMES
+    order = 4
+
+    def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
+        """See the class."""
+        coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
+        if not coefficients.any():
+            return moved
+        state = (coefficients @ reference_modes(scene.reference, scene.radius)).T
+        return moved - flattened(scene.pressure, own["flattening"])[:, None, None] * state
+
+
+def reference_modes(reference: Floats, radius: float) -> Floats:
+    """Modes (modes, n) at points (n, 3) mm."""
+    highest = max(sum(mode) for mode in MODES)
+    along_x, along_y = (legvander(reference[:, k] / radius, highest) for k in (0, 1))
+    return np.stack([along_x[:, i] * along_y[:, j] for i, j in MODES])
+
+
+def flattened(pressure: Floats, flattening: float) -> Floats:
+    """Share (frames,) of the reference state that pressure (frames,) MPa has flattened."""
+    bar = np.maximum(pressure, 1e-6) / _BAR
+    return np.asarray(bar / (bar + flattening))
+
+
+EFFECT = ReferenceState()

@@ -1,0 +1,112 @@
+"""Which effects are there? Every file of this room, and those that installed packages bring.
+
+A package of your own adds one by an entry point of the group `bulgefit.effects` whose object is
+an `Effect` (or a class of one).
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from functools import cache
+from importlib.metadata import entry_points
+
+import bulgefit.effects as room
+from bulgefit.effects.base import PLACES, Effect
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.errors import InputError
+
+__all__ = ["GROUP", "catalogue", "chosen_effects", "effect_named", "own_values", "parameter_named"]
+
+#: Group of entry points by which other packages add effects.
+GROUP = "bulgefit.effects"
+
+_NO_EFFECTS = ("base", "parameter", "places", "registry")
+
+
+@cache
+def catalogue() -> dict[str, Effect]:
+    """Every effect by its id, in the order in which they act: by place, then by `order` and id.
+
+    Raises
+    ------
+    InputError
+        An installed package's effect that cannot be used.
+    """
+    own = (name for _, name, _ in pkgutil.iter_modules(room.__path__) if name not in _NO_EFFECTS)
+    found = {name: importlib.import_module(f"{room.__name__}.{name}").EFFECT for name in own}
+    for point in entry_points(group=GROUP):
+        effect = _brought(point.name, point.load)
+        if effect.id in found:
+            raise InputError(f"effect {effect.id} of {point.value}: there is one of that name")
+        found[effect.id] = effect
+    rank = {place: k for k, place in enumerate(PLACES)}
+    return {e.id: e for e in sorted(found.values(), key=lambda e: (rank[e.place], e.order, e.id))}
+
+
+def _brought(name: str, load: object) -> Effect:
+    """What an entry point brings."""
+    try:
+        found = load()  # type: ignore[operator]
+        effect = found() if isinstance(found, type) else found
+    except Exception as error:
+        raise InputError(
+            f"effect {name} of an installed package cannot be loaded ({type(error).__name__}: "
+            f"{error}); mend or remove that package"
+        ) from error
+    if not isinstance(effect, Effect) or effect.place not in PLACES or not effect.id:
+        raise InputError(
+            f"effect {name} of an installed package is no bulgefit.effects.base.Effect with an id "
+            f"and a place ({', '.join(PLACES)})"
+        )
+    return effect
+
+
+def effect_named(name: str) -> Effect:
+    """An effect by its id; InputError names those that are near."""
+    known = catalogue()
+    if name not in known:
+        near = get_close_matches(name, known, n=3)
+        raise InputError(
+            f"effect {name!r} is unknown; "
+            + (f"did you mean {' or '.join(near)}?" if near else f"choose from {', '.join(known)}")
+        )
+    return known[name]
+
+
+def parameter_named(name: str) -> Parameter:
+    """An effect's parameter by `effect.parameter`; InputError names those there are."""
+    key = Key.of(name)
+    if not key.effect:
+        raise InputError(f"{name!r} is no parameter of an effect; write effect.parameter")
+    effect = effect_named(key.effect)
+    try:
+        return effect.parameter(key.parameter)
+    except KeyError:
+        known = [p.name for p in effect.parameters]
+        near = get_close_matches(key.parameter, known, n=3) or known
+        raise InputError(
+            f"{effect.id} has no parameter {key.parameter!r}; choose from {', '.join(near)}"
+        ) from None
+
+
+def chosen_effects(names: Iterable[str] | None) -> list[Effect]:
+    """Effects by id (default: all), in the catalogue's order; InputError for unknown ones."""
+    if names is None:
+        return list(catalogue().values())
+    wanted = {effect_named(name).id for name in names}
+    return [effect for effect in catalogue().values() if effect.id in wanted]
+
+
+def own_values(
+    effect: Effect, values: Mapping[str, float], nulls: Mapping[str, float]
+) -> dict[str, float]:
+    """Values of an effect's parameters by their own names, nulls where none are given."""
+    own = {}
+    for parameter in effect.parameters:
+        name = f"{effect.id}.{parameter.name}"
+        null = nulls.get(name, parameter.null)
+        own[parameter.name] = values.get(name, 0.0 if null is None else null)
+    return own

@@ -1,0 +1,71 @@
+"""The edge of the fabric rises as pressure lifts the clamp off on one side."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bulgefit.effects.base import Effect, Own
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.places import Clamping
+
+__all__ = ["EFFECT"]
+
+#: Pressure (MPa) at which half of the first rate of the lift is gone, over that of `shape`.
+_BAR = 0.1
+
+
+class RimLift(Effect):
+    """The rim rises by amplitude · max(0, cos(φ - direction)) · g(p), g(p) = p/(1 + shape p), bar.
+
+    A plate that lifts off on one side: never below its seat, concave in pressure.
+    """
+
+    id = "rim_lift"
+    place = "clamp"
+    meaning = "the clamp lifts off on one side as pressure rises"
+    remedy = "put marks or a dial gauge on the clamp's ring; tighten its screws evenly"
+    parameters = (
+        Parameter(
+            "amplitude",
+            "mm/bar",
+            0.0,
+            2.0,
+            prior=0.3,
+            reason="rings of 10 mm steel under 9 kN a bar rise by some tenths of a millimetre",
+            step=1e-4,
+            start=0.05,
+        ),
+        Parameter(
+            "direction",
+            "degree",
+            -180.0,
+            180.0,
+            prior=180.0,
+            reason="any side may lift",
+            step=1e-3,
+        ),
+        Parameter(
+            "shape",
+            "1/bar",
+            0.0,
+            5.0,
+            prior=0.5,
+            reason="screws stiffen by the order of their own load",
+            step=1e-5,
+        ),
+    )
+    forms = (("amplitude", "direction"), ("amplitude", "direction", "shape"))
+
+    def clamp(self, own: Own, clamping: Clamping) -> Clamping:
+        """See the class."""
+        if own["amplitude"] == 0.0:
+            return clamping
+        bar = np.maximum(clamping.pressure, 0.0) / _BAR
+        rise = own["amplitude"] * bar / (1.0 + own["shape"] * bar)
+        side = np.maximum(np.cos(clamping.angle - np.deg2rad(own["direction"])), 0.0)
+        return replace(clamping, lift=clamping.lifted(np.outer(rise, side)))
+
+
+EFFECT = RimLift()

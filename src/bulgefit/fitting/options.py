@@ -1,0 +1,110 @@
+"""Everything that says how a fit is done, in one object that fits, folds and refits share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
+from typing import Any
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.problem import Prior, Problem
+from bulgefit.model.setup import Setup
+
+__all__ = ["FitOptions", "options_from"]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a fit is done.
+
+    Attributes
+    ----------
+    objective : {"e_w", "e", "e_z", "likelihood"}
+        See `bulgefit.fitting.objective`.
+    material : {"orthotropic", "isotropic", "isotropic-EG"}
+    free : sequence of str
+        Freed beyond the moduli: "nu12" or "nu".
+    bounds : mapping of name to (lower, upper)
+        MPa, or the unit of an effect's parameter; default: from the tests' apex, and what is
+        plausible.
+    held : mapping of name to value
+        nu12 or nu where it is not the tests', and effects' parameters (`effect.parameter`) that
+        are not at their null.
+    effects : sequence of str
+        Effects, or single parameters of them, that are fitted beside the moduli.
+    priors : mapping of name to Prior
+        What is believed of fitted parameters.
+    uncertainty : mapping of name to float
+        Stated relative standard deviations of "thickness", "radius" and "pressure" and the
+        absolute one of "nu12"; intervals include them.
+    weight : float, (3,) sequence or None
+        Of dz, or of dx, dy, dz, in e_w; None: from the tests.
+    average : {"points", "frames"}
+    setup : Setup or None
+        Law, mesh, field evaluation.
+    starts, seed : int
+        Scrambled-Sobol starts; the same seed gives the same result for any number of workers.
+    method : str
+        "gauss-newton" or a scipy minimiser.
+    limits : Limits or None
+    """
+
+    objective: str = "e_w"
+    material: str = "orthotropic"
+    free: Sequence[str] = ()
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    held: Mapping[str, float] = field(default_factory=dict)
+    effects: Sequence[str] = ()
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    weight: float | Sequence[float] | None = None
+    average: str = "points"
+    setup: Setup | None = None
+    starts: int = 5
+    seed: int = 0
+    method: str = GAUSS_NEWTON
+    limits: Limits | None = None
+
+    def problem(self, tests: Sequence[BulgeTest]) -> Problem:
+        """The problem that they pose on given tests; InputError."""
+        objective = Objective(
+            tests, self.objective, self.setup, weight=self.weight, average=self.average
+        )
+        return Problem(
+            objective,
+            self.material,
+            free=self.free,
+            bounds=self.bounds,
+            held=self.held,
+            effects=self.effects,
+            priors=self.priors,
+        )
+
+
+def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitOptions:
+    """Options with some changed; names that are given as one string count as a list of one.
+
+    Raises
+    ------
+    InputError
+        A name that is no option; the nearest one is told.
+    """
+    known = {f.name for f in fields(FitOptions)}
+    for name in changes:
+        if name not in known:
+            near = get_close_matches(name, known, n=1)
+            raise InputError(
+                f"fit has no option {name!r}"
+                + (f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}")
+            )
+    given = {name: value for name, value in changes.items() if value is not None}
+    for name in ("free", "effects"):
+        if isinstance(given.get(name), str):
+            given[name] = tuple(part for part in given[name].split(",") if part)
+        elif name in given:
+            given[name] = tuple(given[name])
+    return replace(options or FitOptions(), **given)

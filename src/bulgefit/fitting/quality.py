@@ -1,0 +1,283 @@
+"""How good is a fit? Misfit over noise, what it explains, what is structure, what to be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.noise import Noise, noise_of
+from bulgefit.errors import InputError
+from bulgefit.fitting.minimise import Descent
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.uncertainty import Uncertainty
+from bulgefit.model.inflation import Shapes
+
+__all__ = ["Quality", "Warned", "quality_of"]
+
+Floats = NDArray[np.floating]
+
+#: Starts within this part of the lowest objective are at the same optimum.
+AGREE = 1e-3
+#: Relative standard errors up to which a parameter is found well, roughly, hardly.
+_WELL, _ROUGHLY, _HARDLY = 0.05, 0.25, 1.0
+#: Correlations above which two parameters cannot be told apart by a fit.
+_ALIKE = 0.98
+
+
+@dataclass(frozen=True)
+class Warned:
+    """Something that a user of the result must know.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for scripts.
+    text : str
+    """
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """How good a fit is.
+
+    Attributes
+    ----------
+    misfit_over_noise : float or None
+        Root mean square residual over the noise, 1 where noise alone is left; None where too
+        little was measured to tell the noise.
+    explained_share : float
+        Of the objective of a model that does not deform, how much the fit takes off.
+    structured_share : float or None
+        Of the mean square residual, how much is not noise.
+    mesh_error_mm : list of three floats, or None
+        What is left of the mesh's error in dx, dy, dz; None where it is not known.
+    noise_mm : list of three floats or None
+        Of dx, dy, dz.
+    agreeing, starts : int
+        Starts that ended at the optimum, and all.
+    identifiability : dict of name to str
+        In words.
+    warnings : list of Warned
+    """
+
+    misfit_over_noise: float | None
+    explained_share: float
+    structured_share: float | None
+    mesh_error_mm: list[float] | None
+    noise_mm: list[float] | None
+    agreeing: int
+    starts: int
+    identifiability: dict[str, str]
+    warnings: list[Warned]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types."""
+        return {
+            "misfit_over_noise": self.misfit_over_noise,
+            "explained_share": self.explained_share,
+            "structured_share": self.structured_share,
+            "mesh_error_mm": self.mesh_error_mm,
+            "noise_mm": self.noise_mm,
+            "agreeing_starts": self.agreeing,
+            "identifiability": self.identifiability,
+            "warnings": [{"code": w.code, "text": w.text} for w in self.warnings],
+        }
+
+    def lines(self) -> list[str]:
+        """The first lines of a report."""
+        parts = []
+        if self.misfit_over_noise is not None:
+            parts.append(f"misfit {self.misfit_over_noise:.3g} times the noise")
+        parts.append(f"{100 * self.explained_share:.4g} % of the measured displacement explained")
+        if self.structured_share is not None:
+            parts.append(f"{100 * self.structured_share:.2g} % of the square misfit is structure")
+        parts.append(f"{self.agreeing} of {self.starts} starts agree")
+        head = "; ".join(parts)
+        if self.mesh_error_mm is not None:
+            left = ", ".join(f"{1000 * e:.2g}" for e in self.mesh_error_mm)
+            head += f"\nleft of the mesh's error: {left} µm in dx, dy, dz"
+            if self.noise_mm is not None:
+                noise = ", ".join(f"{1000 * s:.2g}" for s in self.noise_mm)
+                head += f", beside a noise of {noise} µm"
+        return [*(f"WARNING: {w.text}" for w in self.warnings), head]
+
+
+def quality_of(
+    problem: Problem,
+    z: Floats,
+    value: float,
+    shapes: Sequence[Shapes],
+    descents: Sequence[Descent],
+    errors: Uncertainty,
+    bounded: NDArray[np.bool_],
+) -> Quality:
+    """Judge a fit at its optimum."""
+    objective = problem.objective
+    noises = _noises(objective, shapes)
+    misfit = _misfit(objective, shapes, noises)
+    structured = None if misfit is None else float(max(0.0, 1.0 - 1.0 / max(misfit, 1e-9) ** 2))
+    worst = objective.value(None)
+    explained = 1.0 - value / worst if worst > 0.0 else 0.0
+    best = min(d.best.value for d in descents if np.isfinite(d.best.value))
+    agreeing = sum(bool(d.best.value <= best * (1.0 + AGREE)) for d in descents)
+    noise = None if noises is None else np.min([noise.sigma for noise in noises], axis=0).tolist()
+    words = {
+        p.name: _words(p.name, problem.values(z)[p.name], errors.stderr[p.name])
+        for p in problem.free
+    }
+    return Quality(
+        misfit,
+        explained,
+        structured,
+        errors.mesh_error_mm,
+        noise,
+        agreeing,
+        len(descents),
+        words,
+        list(_warnings(problem, z, bounded, explained, descents, errors, noise, agreeing)),
+    )
+
+
+def _noises(objective: Objective, shapes: Sequence[Shapes]) -> list[Noise] | None:
+    """Of every test by what the fit leaves of it; None where a few values tell no noise."""
+    out: list[Noise] = []
+    for virtual, one in zip(objective.virtual, shapes, strict=True):
+        test = virtual.test
+        if len(test.blocks) > 1:
+            found = noise_of(test)
+            if found is None:
+                return None
+            out.append(found)
+            continue
+        (block,) = test.blocks
+        kept = np.arange(len(block.reference))
+        if len(kept) > _MOST:
+            kept = np.sort(np.random.default_rng(0).permutation(len(kept))[:_MOST])
+        mask = np.zeros(len(block.reference), dtype=bool)
+        mask[kept] = True
+        modelled = virtual.observe(one, points=kept).displacement
+        try:
+            some = test.select(points=mask)
+        except InputError:  # nothing was measured at them
+            return None
+        found = noise_of(some, block.displacement[:, kept] - modelled)
+        if found is None:
+            return None
+        out.append(found)
+    return out
+
+
+#: Points by which the noise is judged.
+_MOST = 2000
+
+
+def _misfit(
+    objective: Objective, shapes: Sequence[Shapes], noises: Sequence[Noise] | None
+) -> float | None:
+    if noises is None:
+        return None
+    total, count = 0.0, 0
+    for look in objective.looks(shapes, sampled=True):
+        units = look.residual / noises[look.test].sigma
+        total += float(np.nansum(units**2))
+        count += int(np.isfinite(units).sum())
+    return float(np.sqrt(total / count)) if count else None
+
+
+def _words(name: str, value: float, error: float | None) -> str:
+    if error is None or value == 0.0:
+        return f"{name} cannot be found from this test"
+    share = abs(error / value)
+    if share <= _WELL:
+        return f"{name} is found within {100 * share:.2g} %"
+    if share <= _ROUGHLY:
+        return f"{name} is found roughly, within {100 * share:.2g} %"
+    if share <= _HARDLY:
+        return f"{name} is hardly found: its standard error is {100 * share:.2g} % of it"
+    return f"{name} cannot be found from this test"
+
+
+def _warnings(
+    problem: Problem,
+    z: Floats,
+    bounded: NDArray[np.bool_],
+    explained: float,
+    descents: Sequence[Descent],
+    errors: Uncertainty,
+    noise: list[float] | None,
+    agreeing: int,
+) -> list[Warned]:
+    found: list[Warned] = []
+    values = problem.values(z)
+    found += [
+        Warned(
+            "at_bound",
+            f"{p.name} = {values[p.name]:.4g} is the bound that it was given, and no result: "
+            f"widen --bounds {p.name}={p.lower:.4g}:{p.upper:.4g}, or hold it",
+        )
+        for p, at in zip(problem.free, bounded, strict=True)
+        if at
+    ]
+    if explained < 0.0:
+        found.append(
+            Warned(
+                "worse_than_undeformed",
+                "the fit is worse than a model that does not deform: look at the units, axes and "
+                "pressures of the test (bulgefit info)",
+            )
+        )
+    if not any(d.converged for d in descents):
+        found.append(
+            Warned("no_start_converged", "no start converged: raise --max-evaluations or --starts")
+        )
+    elif agreeing == 1 and len(descents) > 1:
+        found.append(
+            Warned(
+                "starts_disagree",
+                f"only one of {len(descents)} starts ended at this optimum: raise --starts",
+            )
+        )
+    points = _points(problem.objective)
+    if problem.size > 1 and points < problem.size:
+        found.append(
+            Warned(
+                "too_few_points",
+                f"{points} point{'s' if points > 1 else ''} for {problem.size} parameters: they "
+                "cannot all be found; fit the fields (--objective e_w), or fewer parameters",
+            )
+        )
+    for (a, b), correlation in errors.correlation.items():
+        if abs(correlation) > _ALIKE:
+            found.append(
+                Warned(
+                    "inseparable",
+                    f"{a} and {b} cannot be told apart (correlation {correlation:.3f}): hold one",
+                )
+            )
+    left = errors.mesh_error_mm
+    if left is None and problem.objective.setup.corrects_mesh:
+        found.append(
+            Warned("mesh_error_unknown", "the mesh's error could not be found and is in the fit")
+        )
+    elif left is not None and noise is not None and (np.array(left) > np.array(noise) / 3).any():
+        found.append(
+            Warned(
+                "mesh_error_large",
+                "what is left of the mesh's error is more than a third of the noise: raise "
+                "--refine",
+            )
+        )
+    return found
+
+
+def _points(objective: Objective) -> int:
+    """Different points that the objective looks at."""
+    return len({(i, v.block, int(k)) for i, v, chunk in objective.places() for k in chunk[:1000]})

@@ -1,0 +1,406 @@
+"""How sure is a fit? Standard errors from the residuals that it leaves.
+
+At the optimum of Σ ρ(r) the estimate is off by A⁻¹ Σ ψ J, with ψ = ρ' and A = Σ E[ρ''] J Jᵀ, so
+its covariance is A⁻¹ B A⁻¹ with B that of the sum (Huber, 1967, the sandwich). B is taken from sums
+over clusters, within which residuals may be alike in any way (Liang and Zeger, 1986):
+
+* cells of a frame, wider than the noise's correlation: noise alone,
+* blocks of frames times sectors of the disc: also what the model misses, which changes slowly with
+  pressure and place.
+
+Each is the expectation of the bootstrap over its clusters. To this come what is left of the mesh's
+error, and stated uncertainties of thickness, radius, pressure and nu12, by what they move the
+optimum. Of two clusterings the wider one is told; both where they differ by more than a fifth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import BulgefitError, InputError
+from bulgefit.fitting.objective import SAMPLE, Look
+from bulgefit.fitting.problem import Problem
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.mesh_error import mesh_remainder
+from bulgefit.model.virtual_test import VirtualTest
+
+__all__ = ["UNCERTAIN", "Uncertainty", "uncertainty_of"]
+
+Floats = NDArray[np.floating]
+
+#: What may be stated to be uncertain.
+UNCERTAIN = ("thickness", "radius", "pressure", "nu12")
+#: Cells are this many correlation lengths wide, and at least this share of the radius.
+_LENGTHS, _LEAST_CELL = 4.0, 0.25
+#: Blocks of neighbouring frames, and sectors.
+_FRAMES, _SECTORS = 4, 6
+#: Share by which both clusterings may differ without a word.
+_ALIKE = 0.2
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Errors of the free parameters.
+
+    Attributes
+    ----------
+    covariance : (free, free) array
+        Of the coordinates in which the problem steps; NaN rows for what sits at a bound.
+    stderr : dict of name to float or None
+        In the parameter's unit; None at a bound, or where nothing tells it.
+    interval95 : dict of name to (low, high) or None
+    noise_stderr, block_stderr : dict of name to float or None
+        By cells of frames, and by blocks of frames and sectors.
+    parts : dict of name to dict
+        Standard deviation by source: "data", "mesh", and what was stated.
+    correlation : dict of (name, name) to float
+    mesh_error_mm : list of three floats, or None
+        What is left of the mesh's error in dx, dy, dz, the largest of the tests.
+    """
+
+    covariance: Floats
+    stderr: dict[str, float | None]
+    interval95: dict[str, tuple[float, float] | None]
+    noise_stderr: dict[str, float | None]
+    block_stderr: dict[str, float | None]
+    parts: dict[str, dict[str, float]]
+    correlation: dict[tuple[str, str], float]
+    mesh_error_mm: list[float] | None
+
+    def differing(self) -> list[str]:
+        """Parameters whose errors by the two clusterings differ by more than a fifth."""
+        out = []
+        for name, noise in self.noise_stderr.items():
+            block = self.block_stderr[name]
+            if noise and block and abs(block - noise) > _ALIKE * max(noise, block):
+                out.append(name)
+        return out
+
+
+def uncertainty_of(
+    problem: Problem,
+    z: Floats,
+    shapes: list[Shapes],
+    at_bound: NDArray[np.bool_],
+    stated: Mapping[str, float],
+) -> Uncertainty:
+    """Errors of a fit's optimum.
+
+    Parameters
+    ----------
+    problem : Problem
+    z : (free,) array
+        Coordinates of the optimum.
+    shapes : list of Shapes
+        There, with derivatives by all that is free.
+    at_bound : (free,) bool array
+        Parameters at a bound: they are held there for the errors of the others.
+    stated : mapping
+        See `FitOptions.uncertainty`.
+
+    Raises
+    ------
+    InputError
+        Unknown or impossible statements.
+    """
+    _check(stated)
+    columns = problem.columns(z)
+    sums = _Sums(problem, columns)
+    for look in problem.objective.looks(shapes, problem.names_of_tests()):
+        sums.add(look)
+    value = problem.objective.value(shapes)
+    bread = sums.bread() + problem.pull(value, z)[0]
+    free = ~at_bound
+    inverse = np.zeros_like(bread)
+    scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))
+    scaled = bread / np.outer(scale, scale)
+    known = np.ix_(free, free)
+    inverse[known] = np.linalg.pinv(scaled[known], rcond=1e-12, hermitian=True)
+    inverse /= np.outer(scale, scale)
+    noise, blocks = (inverse @ meat @ inverse for meat in (sums.cells(), sums.blocks()))
+    shifts, mesh = _shifts(problem, z, shapes, sums, inverse, stated)
+    wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
+    covariance = _with_deviations(noise, wider)
+    for shift in shifts.values():
+        covariance = covariance + np.outer(shift, shift)
+    quantiles = np.where(
+        np.diag(blocks) > np.diag(noise),
+        student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_blocks - 1, 1)),
+        student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_cells - 1, 1)),
+    )
+    return _described(problem, z, free, covariance, noise, blocks, wider, shifts, quantiles, mesh)
+
+
+def _check(stated: Mapping[str, float]) -> None:
+    for name, size in stated.items():
+        if name not in UNCERTAIN:
+            raise InputError(
+                f"uncertainty of {name!r} is not known; choose from {', '.join(UNCERTAIN)}"
+            )
+        if not 0.0 < size < 1.0:
+            raise InputError(f"uncertainty of {name}: give a part between 0 and 1, got {size:g}")
+
+
+def _with_deviations(covariance: Floats, deviation: Floats) -> Floats:
+    """A covariance with its correlations kept and its deviations replaced."""
+    own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.asarray(covariance * np.outer(deviation / own, deviation / own))
+
+
+class _Sums:
+    """A, and the sums of ψ J over clusters."""
+
+    def __init__(self, problem: Problem, columns: list[Floats]) -> None:
+        self.columns, self.squared = columns, problem.objective.squared
+        self.tests = problem.objective.tests
+        self.lengths = [
+            max(_LENGTHS * noise.correlation_length if noise else 0.0, _LEAST_CELL * test.radius)
+            for noise, test in zip(problem.objective.noise(), self.tests, strict=True)
+        ]
+        size = columns[0].shape[1]
+        self._grams: dict[tuple[int, int], Floats] = {}
+        self._residuals: dict[tuple[int, int], list[Floats]] = {}
+        self._of_cells: dict[tuple[int, ...], Floats] = {}
+        self._of_blocks: dict[tuple[int, ...], Floats] = {}
+        self._size = size
+        # a median needs no more of very many residuals
+        self._every = max(1, problem.objective.count // SAMPLE)
+        self._curvatures: dict[tuple[int, int], float] = {}
+        self._ranks = [np.argsort(np.argsort(test.pressure)) for test in self.tests]
+
+    def jacobian(self, look: Look) -> Floats:
+        """By the coordinates, (k, m, 3, free)."""
+        return np.tensordot(look.jacobian, self.columns[look.test], (0, 0))
+
+    def add(self, look: Look) -> None:
+        """Take some points in."""
+        seen = np.isfinite(look.residual)
+        left = np.where(seen, look.residual, 0.0)
+        weight = np.where(seen, look.scale[:, None], 0.0)
+        jacobian = self.jacobian(look)
+        pull = weight * (left if self.squared else np.sign(left))
+        score = np.einsum("kmc,kmcp->kmp", pull, jacobian)
+        for c in range(3):
+            part = jacobian[:, :, c].reshape(-1, self._size)
+            gram = part.T @ (part * weight[:, :, c].reshape(-1, 1))
+            key = (look.test, c)
+            self._grams[key] = self._grams.get(key, 0.0) + gram
+            some = left[:, :, c][seen[:, :, c]][:: self._every]
+            self._residuals.setdefault(key, []).append(some)
+        self._cluster(look, score)
+
+    def _cluster(self, look: Look, score: Floats) -> None:
+        test = self.tests[look.test]
+        side = self.lengths[look.test]
+        cell = np.floor(look.position / side).astype(int)
+        angle = np.arctan2(look.position[:, 1], look.position[:, 0]) + np.pi
+        sector = np.minimum((angle * _SECTORS / (2 * np.pi)).astype(int), _SECTORS - 1)
+        block = self._ranks[look.test][look.frames] * _FRAMES // max(test.n_frames, 1)
+        for group, count in ((cell, None), (sector[:, None], _SECTORS)):
+            places, which = np.unique(group, axis=0, return_inverse=True)
+            which = which.ravel()
+            onto = np.zeros((len(places), score.shape[1]))
+            onto[which, np.arange(len(which))] = 1.0
+            summed = np.einsum("gm,kmp->kgp", onto, score)
+            for k, frame in enumerate(look.frames):
+                for g, name in enumerate(places):
+                    if count is None:
+                        key, into = (look.test, int(frame), *map(int, name)), self._of_cells
+                    else:
+                        key, into = (look.test, int(block[k]), int(name[0])), self._of_blocks
+                    into[key] = into.get(key, 0.0) + summed[k, g]
+
+    @property
+    def count_of_cells(self) -> int:
+        """Cells with anything in them."""
+        return len(self._of_cells)
+
+    @property
+    def count_of_blocks(self) -> int:
+        """Blocks with anything in them."""
+        return len(self._of_blocks)
+
+    def bread(self) -> Floats:
+        """A: for absolute residuals twice their density at zero, as of a normal distribution."""
+        out = np.zeros((self._size, self._size))
+        for key, gram in self._grams.items():
+            out += self.curvature(key) * gram
+        return out
+
+    def curvature(self, key: tuple[int, int]) -> float:
+        """E[ρ''] of a test's component, once all points are in."""
+        if self.squared:
+            return 1.0
+        if key not in self._curvatures:
+            left = np.concatenate(self._residuals[key])
+            deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9) if len(left) else np.inf
+            self._curvatures[key] = float(np.sqrt(2.0 / np.pi) / deviation)
+        return self._curvatures[key]
+
+    def cells(self) -> Floats:
+        """B by cells of frames."""
+        return _outer(self._of_cells)
+
+    def blocks(self) -> Floats:
+        """B by blocks of frames and sectors."""
+        return _outer(self._of_blocks)
+
+    def pull_of(self, look: Look, change: Floats) -> Floats:
+        """What a change (k, m, 3) mm of what is modelled adds to the slope, (free,)."""
+        seen = np.isfinite(look.residual)
+        curvature = np.array([self.curvature((look.test, c)) for c in range(3)])
+        weight = np.where(seen, look.scale[:, None] * curvature, 0.0)
+        return np.einsum("kmc,kmcp->p", weight * change, self.jacobian(look))
+
+
+def _outer(sums: Mapping[tuple[int, ...], Floats]) -> Floats:
+    """Σ s sᵀ, scaled up for the clusters' number as in a variance."""
+    rows = np.array(list(sums.values()))
+    count = len(rows)
+    return rows.T @ rows * (count / max(count - 1, 1))
+
+
+def _shifts(
+    problem: Problem,
+    z: Floats,
+    shapes: list[Shapes],
+    sums: _Sums,
+    inverse: Floats,
+    stated: Mapping[str, float],
+) -> tuple[dict[str, Floats], list[float] | None]:
+    """How far each uncertain thing moves the optimum, and what is left of the mesh's error, mm."""
+    objective = problem.objective
+    left = [mesh_remainder(v, s) for v, s in zip(objective.virtual, shapes, strict=True)]
+    out: dict[str, Floats] = {}
+    mesh: list[float] | None = None
+    if all(field is not None for field in left):
+        out["mesh"] = _moved(problem, shapes, sums, inverse, _with_corrections(left))
+        rms = [np.sqrt((field**2).mean(axis=(0, 1))) for field in left if field is not None]
+        mesh = np.max(rms, axis=0).tolist()
+    for name, size in stated.items():
+        if name == "thickness":
+            # only E t is felt: moduli move by as much, the other way; displacements not at all
+            out[name] = _of_moduli(problem, z, size)
+            continue
+        try:
+            out[name] = _moved(problem, shapes, sums, inverse, _with_test(problem, z, name, size))
+        except BulgefitError:
+            continue
+    return out, mesh
+
+
+#: The virtual test of each test that something uncertain makes, with its shapes.
+_Other = Callable[[int, VirtualTest, Shapes], tuple[VirtualTest, Shapes]]
+
+
+def _moved(
+    problem: Problem, shapes: list[Shapes], sums: _Sums, inverse: Floats, other: _Other
+) -> Floats:
+    """Change of the optimum where the model is another: A⁻¹ Σ E[ρ''] J (change of the model)."""
+    objective = problem.objective
+    others = [
+        other(i, v, s) for i, (v, s) in enumerate(zip(objective.virtual, shapes, strict=True))
+    ]
+    pull = np.zeros(problem.size)
+    for (part, view, chunk), look in zip(
+        objective.places(),
+        objective.looks(shapes, problem.names_of_tests(), sampled=True),
+        strict=True,
+    ):
+        here = objective.virtual[part].observe(shapes[part], (), view.block, chunk)
+        twin, there = others[part]
+        moved = twin.observe(there, (), view.block, chunk)
+        change = (moved.displacement - here.displacement)[view.rows]
+        pull += sums.pull_of(look, change)
+    return -inverse @ pull
+
+
+def _with_corrections(left: Sequence[Floats | None]) -> _Other:
+    def other(i: int, virtual: VirtualTest, shapes: Shapes) -> tuple[VirtualTest, Shapes]:
+        field = left[i]
+        assert field is not None
+        return virtual, replace(shapes, displacement=shapes.displacement + field)
+
+    return other
+
+
+def _with_test(problem: Problem, z: Floats, name: str, size: float) -> _Other:
+    """The model of a test whose radius, pressures or Poisson's ratio are larger by its error."""
+    values = problem.of_tests(z)
+
+    def other(i: int, virtual: VirtualTest, _: Shapes) -> tuple[VirtualTest, Shapes]:
+        given, test = dict(values[i]), virtual.test
+        if name == "nu12":
+            given["nu12"] = given["nu12"] + size
+            twin = VirtualTest(test, virtual.setup, virtual.threads, virtual.inflation)
+        else:
+            twin = VirtualTest(_changed(test, name, 1.0 + size), virtual.setup, virtual.threads)
+        twin.correction = virtual.correction
+        return twin, twin.shapes(given)
+
+    return other
+
+
+def _changed(test: BulgeTest, name: str, factor: float) -> BulgeTest:
+    if name == "pressure":
+        return replace(test, pressure=test.pressure * factor)
+    return replace(test, radius=test.radius * factor)
+
+
+def _of_moduli(problem: Problem, z: Floats, size: float) -> Floats:
+    """Change of the coordinates where every modulus is larger by a share."""
+    values = problem.values(z)
+    grown = {
+        p.name: values[p.name] * (1.0 + size) if p.coordinate == "log" else values[p.name]
+        for p in problem.free
+    }
+    return problem.coordinates(grown) - z
+
+
+def _described(
+    problem: Problem,
+    z: Floats,
+    free: NDArray[np.bool_],
+    covariance: Floats,
+    noise: Floats,
+    blocks: Floats,
+    wider: Floats,
+    shifts: Mapping[str, Floats],
+    quantiles: Floats,
+    mesh: list[float] | None,
+) -> Uncertainty:
+    """Errors by name, in the parameters' units."""
+    names = [p.name for p in problem.free]
+    stderr: dict[str, float | None] = {}
+    intervals: dict[str, tuple[float, float] | None] = {}
+    by_noise: dict[str, float | None] = {}
+    by_block: dict[str, float | None] = {}
+    parts: dict[str, dict[str, float]] = {}
+    for j, p in enumerate(problem.free):
+        error = float(np.sqrt(max(covariance[j, j], 0.0)))
+        if not free[j] or not np.isfinite(error) or error == 0.0:
+            stderr[p.name] = intervals[p.name] = by_noise[p.name] = by_block[p.name] = None
+            continue
+        unit = abs(problem.value_slope(j, z))
+        stderr[p.name] = error * unit
+        ends = [problem.value_at(j, z[j] + sign * quantiles[j] * error) for sign in (-1, 1)]
+        intervals[p.name] = (min(ends), max(ends))
+        by_noise[p.name] = float(np.sqrt(noise[j, j])) * unit
+        by_block[p.name] = float(np.sqrt(blocks[j, j])) * unit
+        parts[p.name] = {"data": float(wider[j]) * unit}
+        parts[p.name] |= {name: abs(float(shift[j])) * unit for name, shift in shifts.items()}
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = {
+        (names[i], names[j]): float(covariance[i, j] / (deviation[i] * deviation[j]))
+        for i in range(len(names))
+        for j in range(i)
+        if stderr[names[i]] is not None and stderr[names[j]] is not None
+    }
+    return Uncertainty(covariance, stderr, intervals, by_noise, by_block, parts, correlation, mesh)

@@ -1,0 +1,202 @@
+"""From parameters to the five places: what specimen, clamp and load do they describe?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Effect
+from bulgefit.effects.places import LEAST_SLIP, Clamping, Cloth, Load
+from bulgefit.effects.registry import catalogue, own_values, parameter_named
+from bulgefit.errors import InputError
+from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.geometry import SHAPE
+from bulgefit.fem.membrane import Fabric
+from bulgefit.fem.mesh import Mesh
+
+__all__ = [
+    "CONSTANTS",
+    "Description",
+    "Values",
+    "active_effects",
+    "checked",
+    "describe",
+    "null_values",
+]
+
+Floats = NDArray[np.float64]
+#: Parameters by name: E1, E2, G12 (MPa), nu12, and `effect.parameter`.
+Values = Mapping[str, float]
+
+#: What the stiffness matrix is made of, with half the step of a difference by each.
+CONSTANTS = {"E1": 1e-2, "E2": 1e-2, "G12": 1e-3, "nu12": 1e-5}
+
+#: An effect and its parameters' values by their own names.
+Active = list[tuple[Effect, dict[str, float]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Description:
+    """A specimen in its clamp under its load.
+
+    Attributes
+    ----------
+    stiffness : (4,) array, MPa
+        D11, D22, D12, D33.
+    angle : float, rad
+        Of the warp from x.
+    fabric : Fabric
+    load : Load
+    lift : (frames, rim) array or None, mm
+        How far the rim's nodes have risen in each frame.
+    """
+
+    stiffness: Floats
+    angle: float
+    fabric: Fabric
+    load: Load
+    lift: Floats | None
+
+    @property
+    def law_parameters(self) -> tuple[float, ...]:
+        """What the kernels call q."""
+        return self.fabric.law_parameters(self.stiffness)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the specimen is flat, even, held all round, its warp along x: shapes mirror."""
+        fabric = self.fabric
+        uneven = fabric.surface is not None or fabric.thickness is not None
+        moves = fabric.compliance is not None or self.lift is not None
+        return not (uneven or moves) and self.angle == 0.0
+
+    def lies_as(self, other: Description) -> bool:
+        """Whether all but the law's parameters and the load is as in another one."""
+        here, there = self.fabric, other.fabric
+        return (
+            self.angle == other.angle
+            and here.compliance == there.compliance
+            and _same(here.surface, there.surface)
+            and _same(here.thickness, there.thickness)
+            and _same(self.lift, other.lift)
+        )
+
+
+def _same(a: Floats | None, b: Floats | None) -> bool:
+    return a is b or (a is not None and b is not None and np.array_equal(a, b))
+
+
+def checked(values: Iterable[str]) -> None:
+    """Refuse names that are neither the material's constants nor an effect's; InputError."""
+    for name in values:
+        if name not in CONSTANTS:
+            parameter_named(name)
+
+
+def null_values(poisson_ratio: float) -> dict[str, float]:
+    """Values at which effects are absent where that is what a test states, by name."""
+    return {
+        f"{effect.id}.{p.name}": poisson_ratio
+        for effect in catalogue().values()
+        for p in effect.parameters
+        if p.null is None
+    }
+
+
+def active_effects(values: Values, nulls: Values, freed: Iterable[str] = ()) -> Active:
+    """Effects off their null, or with a parameter among `freed`, in the order they act."""
+    wanted = {name.partition(".")[0] for name in freed}
+    named = {name.partition(".")[0] for name in values}
+    found: Active = []
+    for effect in catalogue().values():
+        if effect.id not in named and effect.id not in wanted:
+            continue
+        own = own_values(effect, values, nulls)
+        null = own_values(effect, {}, nulls)
+        if own != null or effect.id in wanted:
+            found.append((effect, own))
+    return found
+
+
+def describe(
+    mesh: Mesh,
+    radius: float,
+    recorded: Floats,
+    time: Floats | None,
+    values: Values,
+    active: Active,
+    *,
+    slips: bool = False,
+) -> Description:
+    """Fill shape, clamp, material and load by the hooks of the active effects.
+
+    Parameters
+    ----------
+    recorded : (frames,) array, MPa
+    time : (frames,) array, s, or None
+    values : mapping
+        With E1, E2, G12 and nu12.
+    active : list of (Effect, values)
+    slips : bool
+        Let the rim move by the least compliance where nothing else makes it: its derivative there
+        is that of a clamp that begins to slip.
+
+    Raises
+    ------
+    InputError
+        Constants that are not admissible.
+    """
+    load = Load(recorded, time, recorded)
+    unit = mesh.nodes / radius
+    cloth = Cloth(
+        E1=values["E1"],
+        E2=values["E2"],
+        G12=values["G12"],
+        nu12=values["nu12"],
+        points=_gauss_points(mesh) / radius,
+    )
+    outline, height, bent = unit, np.zeros(len(unit)), False
+    for effect, own in active:
+        load = effect.load(own, load)
+        cloth = effect.material(own, cloth)
+        if effect.uses("outline", "height"):
+            bent = True
+            outline = effect.outline(own, outline)
+            height = height + effect.height(own, unit)
+    rim = mesh.nodes[mesh.rim]
+    clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied)
+    for effect, own in active:
+        clamping = effect.clamp(own, clamping)
+    compliance = clamping.compliance
+    if compliance is not None or slips:
+        compliance = max(compliance or 0.0, LEAST_SLIP)
+    if not (np.asarray(load.softening) > 0.0).all():
+        raise InputError("the fabric's stiffness falls to nothing within the test")
+    surface = np.column_stack([outline * radius, height]) if bent else None
+    return Description(
+        stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
+        angle=float(np.deg2rad(cloth.angle)),
+        fabric=_fabric(cloth, surface, compliance),
+        load=load,
+        lift=clamping.lift,
+    )
+
+
+def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> Fabric:
+    return Fabric(
+        surface=surface,
+        thickness=cloth.thickness,
+        slack=cloth.slack,
+        gain=(cloth.gain[0] * cloth.E1, cloth.gain[1] * cloth.E2),
+        bend=(cloth.bend[0] * cloth.E1, cloth.bend[1] * cloth.E2),
+        knee=cloth.knee,
+        compliance=compliance,
+    )
+
+
+def _gauss_points(mesh: Mesh) -> Floats:
+    """(m, 4, 2) mm."""
+    return np.einsum("ga,max->mgx", SHAPE, mesh.nodes[mesh.cells])

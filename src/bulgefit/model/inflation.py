@@ -1,0 +1,396 @@
+"""Which shapes does a described specimen take at its pressures, and how do they change?
+
+Where the shapes mirror in both axes and only the moduli change, one path of a quarter of the
+membrane serves all frames. Otherwise each frame is balanced at its own pressure: between
+neighbouring parameter sets it starts from its last shape plus the derivative times the change,
+mostly one factorisation a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError, SolveError
+from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
+from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.path import Path
+from bulgefit.fem.quarter import trace_by_quarter
+from bulgefit.model.description import CONSTANTS, Description
+from bulgefit.model.setup import STUDY_LEVELS, Setup
+from bulgefit.parallel.threads import side_by_side
+
+__all__ = ["LEAST_PRESSURE", "Change", "Inflation", "Shapes"]
+
+Floats = NDArray[np.float64]
+
+#: Paths start here (MPa) or at a tenth of the highest pressure; symmetry covers the rest to zero.
+LIGHT_PRESSURE = 1e-4
+#: Frames with pressure are balanced at this (MPa) or more; one without shows the fabric at rest.
+LEAST_PRESSURE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """Balanced shapes at the frames' true pressures for one parameter set.
+
+    Attributes
+    ----------
+    values : dict
+        The parameters.
+    displacement : (frames, n, 3) array, mm
+        From the stress-free surface.
+    derivative : dict of name to (frames, n, 3) array
+        By the parameters that change them.
+    stable : (frames,) bool array
+    stable_up_to : float or None, MPa
+        Highest solved pressure below which every shape was stable; None where all are.
+    wrinkled : bool
+        Whether tension-field relaxation was active.
+    """
+
+    values: dict[str, float]
+    displacement: Floats
+    derivative: dict[str, Floats]
+    stable: NDArray[np.bool_]
+    stable_up_to: float | None = None
+    wrinkled: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A parameter's description below and above its value, and the span between."""
+
+    below: Description
+    above: Description
+    span: float
+
+    @property
+    def rate(self) -> Floats:
+        """∂(balanced pressure)/∂(the parameter), (frames,)."""
+        return np.asarray((self.above.load.balanced - self.below.load.balanced) / self.span)
+
+    @property
+    def of_law(self) -> bool:
+        """Whether nothing but the law's parameters and the load changes."""
+        return self.below.lies_as(self.above)
+
+
+@dataclass(eq=False)
+class Inflation:
+    """The membranes of one clamp radius and thickness; tests that are alike may share it.
+
+    Parameters
+    ----------
+    radius, thickness : float, mm
+    highest : float, MPa
+        Pressure up to which paths are traced.
+    setup : Setup
+    """
+
+    radius: float
+    thickness: float
+    highest: float
+    setup: Setup
+    mesh: Mesh = field(init=False)
+    _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
+    _path: tuple[object, Path] | None = field(init=False, default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.mesh = self.setup.mesh or disc(self.radius, self.setup.refine)
+        rim = np.hypot(*self.mesh.nodes[self.mesh.rim].T)
+        if np.abs(rim / self.radius - 1).max() > 1e-3:
+            raise InputError(
+                f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
+                f"the clamp at {self.radius:g} mm; give a mesh of that disc"
+            )
+        if self.highest <= 0.0:
+            raise InputError("no frame has a positive pressure")
+
+    @classmethod
+    def of(cls, tests: Sequence[BulgeTest], setup: Setup) -> Inflation:
+        """Of tests of one radius and thickness."""
+        highest = max(float(test.pressure.max()) for test in tests)
+        return cls(tests[0].radius, tests[0].thickness, highest, setup)
+
+    def __getstate__(self) -> dict[str, object]:
+        # what is as soon made as sent is made again
+        return {**self.__dict__, "_like": {}, "_path": None}
+
+    def membrane(self, given: Description) -> Membrane:
+        """The membrane of a description, sharing the linear solver with those alike."""
+        slips = given.fabric.compliance is not None
+        made = Membrane(
+            self.mesh,
+            self.thickness,
+            self.setup.law,
+            relaxation=self.setup.relaxation,
+            angle=given.angle,
+            solver=self.setup.linear_solver,
+            fabric=given.fabric,
+            like=self._like.get(slips),
+        )
+        self._like.setdefault(slips, made)
+        return made
+
+    def path(self, given: Description, values: Mapping[str, float], sensitivities: bool) -> Path:
+        """The path of a plain specimen up to the highest pressure of all; the last one is kept."""
+        key = given.law_parameters
+        high = max(self.highest, float(np.max(given.load.balanced)))
+        if self._path is not None:
+            known, path = self._path
+            fits = path.pressure[-1] >= high * (1 - 1e-12)
+            if known == key and fits and (path.sensitivity is not None or not sensitivities):
+                return path
+        if self.setup.interpolation == "study":
+            above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
+            high = float(STUDY_LEVELS[above])
+        path = trace_by_quarter(
+            self.membrane(given),
+            given.stiffness,
+            (min(LIGHT_PRESSURE, 0.1 * high), high),
+            tolerance=self.setup.tolerance,
+            sensitivities=sensitivities,
+            parameters=values,
+        )
+        self._path = key, path
+        return path
+
+    def along_path(
+        self, given: Description, values: dict[str, float], changes: Mapping[str, Change]
+    ) -> Shapes:
+        """Shapes of a plain specimen that only the material's constants and the load change."""
+        constants = [name for name in changes if name in CONSTANTS]
+        pressure = np.maximum(given.load.balanced, 0.0)
+        path = self.path(given, values, bool(constants))
+        derivative: dict[str, Floats] = {}
+        if constants:
+            by_stiffness = orthotropic_stiffness_derivative(*(values[name] for name in CONSTANTS))
+            columns = self._at(path.stiffness_sensitivity, pressure)
+            by_constant = dict(
+                zip(CONSTANTS, np.tensordot(by_stiffness.T, columns, 1), strict=True)
+            )
+            derivative |= {name: by_constant[name] for name in constants}
+        loads = {name: change.rate for name, change in changes.items() if name not in CONSTANTS}
+        if loads:
+            by_pressure = self._by_pressure(path, pressure)
+            derivative |= {n: rate[:, None, None] * by_pressure for n, rate in loads.items()}
+        at = np.minimum(np.searchsorted(path.pressure, pressure), len(path.pressure) - 1)
+        first = int(np.argmin(path.stable)) if not path.stable.all() else len(path.stable)
+        end = None
+        if first < len(path.stable):
+            end = float(path.pressure[first - 1]) if first else 0.0
+        shapes = self._at(path, pressure)
+        return Shapes(values, shapes, derivative, at < first, end, bool(path.wrinkled.any()))
+
+    def _by_pressure(self, path: Path, pressure: Floats) -> Floats:
+        """∂u/∂p (frames, n, 3) mm/MPa, by a difference of the dense output in p^(1/3)."""
+        s = np.cbrt(np.maximum(pressure, LEAST_PRESSURE))
+        h = 1e-4 * s
+        top = float(path.pressure[-1])
+        low, high = (s - h) ** 3, np.minimum((s + h) ** 3, top)
+        return np.asarray((path(high) - path(low)) / (high - low)[:, None, None])
+
+    def _at(self, of: Callable[[Floats], Floats], pressure: Floats) -> Floats:
+        """A path's field (..., frames, n, 3) at the frames' pressures."""
+        if self.setup.interpolation == "dense":
+            return of(pressure)
+        levels = np.concatenate([[0.0], STUDY_LEVELS])
+        if pressure.max() > levels[-1]:
+            raise InputError("interpolation study: its levels end at 3 bar")
+        after = np.clip(np.searchsorted(levels, pressure), 1, len(levels) - 1)
+        share = (pressure - levels[after - 1]) / (levels[after] - levels[after - 1])
+        needed, place = np.unique(np.concatenate([after - 1, after]), return_inverse=True)
+        shapes = of(levels[needed])
+        low, high = place[: len(pressure)], place[len(pressure) :]
+        share = share[:, None, None]
+        return np.asarray((1 - share) * shapes[..., low, :, :] + share * shapes[..., high, :, :])
+
+    def balanced(
+        self,
+        given: Description,
+        values: dict[str, float],
+        changes: Mapping[str, Change],
+        near: Shapes | None,
+        threads: int,
+    ) -> Shapes:
+        """Every frame balanced at its own pressure; raises SolveError."""
+        membrane = self.membrane(given)
+        pressure = np.asarray(given.load.balanced, dtype=float)
+        rest = pressure <= 0.0
+        pressure = np.maximum(pressure, LEAST_PRESSURE)
+        guesses = self._guesses(membrane, given, pressure, values, near)
+        guesses[:, membrane.fixed] = 0.0
+        if given.lift is not None:
+            guesses[:, self.mesh.rim, 2] = given.lift
+        forces = _Forces(self, membrane, given.stiffness, changes)
+
+        def one(frame: int) -> tuple[Floats, bool, bool, Floats]:
+            if rest[frame]:
+                still = np.zeros_like(guesses[frame])
+                return still, True, False, np.zeros((len(changes), *still.shape))
+            balance = _solved(membrane, guesses[frame], pressure[frame], given.stiffness, values)
+            fields = forces.fields(balance, frame)
+            return balance.displacement, balance.stable, balance.wrinkled > 0, fields
+
+        frames = side_by_side(one, range(len(pressure)), threads)
+        shapes, stable, wrinkled, fields = zip(*frames, strict=True)
+        columns = np.stack(fields, axis=1) if changes else np.empty((0,))
+        lost = pressure[~np.array(stable)].min(initial=np.inf)
+        return Shapes(
+            values,
+            np.array(shapes),
+            dict(zip(changes, columns, strict=True)),
+            np.array(stable),
+            float(pressure[pressure < lost].max(initial=0.0)) if np.isfinite(lost) else None,
+            any(wrinkled),
+        )
+
+    def _guesses(
+        self,
+        membrane: Membrane,
+        given: Description,
+        pressure: Floats,
+        values: dict[str, float],
+        near: Shapes | None,
+    ) -> Floats:
+        """Displacements (frames, n, 3) near balance: from a neighbour, or from a rough path."""
+        if near is not None:
+            guess = near.displacement.copy()
+            for name, change in near.derivative.items():
+                step = values.get(name, 0.0) - near.values.get(name, 0.0)
+                if step != 0.0:
+                    guess += step * change
+            return guess
+        low, high = float(pressure.min()), float(pressure.max())
+        path = trace_by_quarter(
+            membrane,
+            given.stiffness,
+            (min(low, 0.5 * high), high),
+            tolerance=0.05,
+            parameters=values,
+        )
+        low, high = path.pressure[0], path.pressure[-1]
+        guess = np.array([path(min(max(p, low), high))[0] for p in pressure])
+        if given.lift is not None:
+            # the lift of the rim fades towards the centre
+            guess[..., 2] += given.lift @ _faded(self.mesh)
+        return guess
+
+
+class _Forces:
+    """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters), differences of R."""
+
+    def __init__(
+        self,
+        inflation: Inflation,
+        membrane: Membrane,
+        stiffness: Floats,
+        changes: Mapping[str, Change],
+    ) -> None:
+        self._membrane, self._stiffness, self._changes = membrane, stiffness, changes
+        self._rim = inflation.mesh.rim
+        self._law = [
+            name
+            for name, change in changes.items()
+            if change.of_law and change.below.law_parameters != change.above.law_parameters
+        ]
+        self._before, self._after = (
+            np.array([getattr(changes[name], side).law_parameters for name in self._law])
+            for side in ("below", "above")
+        )
+        self._others = {
+            name: tuple(inflation.membrane(d) for d in (change.below, change.above))
+            for name, change in changes.items()
+            if not change.of_law
+        }
+        self._rates = {name: rate for name, c in changes.items() if (rate := c.rate).any()}
+
+    def fields(self, balance: Equilibrium, frame: int) -> Floats:
+        """∂u/∂(each parameter), (parameters, n, 3)."""
+        if not self._changes:
+            return np.empty((0, *balance.displacement.shape))
+        columns = dict.fromkeys(self._changes, np.zeros(self._membrane.linear.size))
+        lifts: dict[str, Floats] = {}
+        if self._law:
+            found = self._membrane.law_changes(balance.displacement, self._before, self._after)
+            for name, column in zip(self._law, found, strict=True):
+                columns[name] = column / self._changes[name].span
+        for name, pair in self._others.items():
+            columns[name] = self._difference(name, pair, balance)
+            lift = self._lift(name, frame)
+            if lift is not None:
+                lifts[name] = lift
+                columns[name] = columns[name] + self._by_lift(lift, balance)
+        if self._rates:
+            by_pressure = -self._membrane.pressure_force(balance.displacement)
+            for name, rate in self._rates.items():
+                columns[name] = columns[name] + rate[frame] * by_pressure
+        right = np.asfortranarray(-np.stack(list(columns.values()), axis=1))
+        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(right).T))
+        for place, name in enumerate(self._changes):
+            if name in lifts:
+                out[place] += lifts[name]
+        return out
+
+    def _difference(self, name: str, pair: tuple[Membrane, ...], balance: Equilibrium) -> Floats:
+        """∂R/∂(a parameter of shape, clamp or thickness) at fixed displacement, (N,)."""
+        change = self._changes[name]
+        below, above = (
+            m.state(balance.displacement, balance.pressure, d.stiffness, tangent=False).residual
+            for m, d in zip(pair, (change.below, change.above), strict=True)
+        )
+        return np.asarray((above - below) / change.span)
+
+    def _lift(self, name: str, frame: int) -> Floats | None:
+        """∂(displacement of the rim)/∂(a parameter) as a nodal field (n, 3)."""
+        change = self._changes[name]
+        below, above = change.below.lift, change.above.lift
+        if below is None and above is None:
+            return None
+        by = (0.0 if above is None else above[frame]) - (0.0 if below is None else below[frame])
+        out = np.zeros_like(self._membrane.reference)
+        out[self._rim, 2] = by / change.span
+        return out
+
+    def _by_lift(self, lift: Floats, balance: Equilibrium) -> Floats:
+        """Change of R with a displacement of the rim."""
+        found = self._membrane.tangent_product(
+            balance.displacement, balance.pressure, self._stiffness, lift[None]
+        )
+        return found[0]
+
+
+def _faded(mesh: Mesh) -> Floats:
+    """Weights (rim, n) that carry the rim's rise inwards, as (r/a)⁴ of the nearest rim nodes."""
+    rim = mesh.nodes[mesh.rim]
+    angle = np.arctan2(rim[:, 1], rim[:, 0])
+    radius = np.hypot(*mesh.nodes.T) / np.hypot(*rim.T).max()
+    turn = np.arctan2(mesh.nodes[:, 1], mesh.nodes[:, 0]) - angle[:, None]
+    nearest = np.argmax(np.cos(turn), axis=0)
+    out = np.zeros((len(rim), len(mesh.nodes)))
+    out[nearest, np.arange(len(mesh.nodes))] = radius**4
+    return out
+
+
+def _solved(
+    membrane: Membrane, guess: Floats, pressure: float, stiffness: Floats, values: dict[str, float]
+) -> Equilibrium:
+    """Balance one frame; raises SolveError."""
+    try:
+        return solve(membrane, guess, float(pressure), stiffness, follow=True)
+    except NewtonError as error:
+        raise SolveError(
+            f"no equilibrium near the last shape: {error.reason}",
+            pressure=float(pressure),
+            reached=float(pressure),
+            iteration=error.iteration,
+            residual_norm=error.residual_norm,
+            parameters=values,
+        ) from error

@@ -1,0 +1,66 @@
+"""Take the mesh's error off a virtual test, and judge what is left of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import SolveError
+from bulgefit.model.inflation import Shapes
+from bulgefit.model.richardson import coarser, finer, left_over, taken_off
+from bulgefit.model.smooth import smooth_value
+from bulgefit.model.virtual_test import VirtualTest
+
+__all__ = ["correct_mesh", "mesh_remainder"]
+
+Floats = NDArray[np.float64]
+
+
+def correct_mesh(virtual: VirtualTest, shapes: Shapes) -> None:
+    """Set the virtual test's correction from a finer mesh, at given shapes.
+
+    It hardly changes with the parameters. Where the finer mesh finds no equilibrium there is none,
+    and `mesh_remainder` says None.
+    """
+    virtual.correction = None
+    if not virtual.setup.corrects_mesh:
+        return
+    refine = virtual.setup.refine
+    try:
+        there = _on_mesh(virtual, finer(refine), shapes)
+    except SolveError:
+        return
+    virtual.correction = taken_off(refine, shapes.displacement, there)
+
+
+def mesh_remainder(virtual: VirtualTest, shapes: Shapes) -> Floats | None:
+    """What the correction leaves of the mesh's error at the nodes, (frames, n, 3) mm.
+
+    None where it is not known.
+    """
+    correction, refine = virtual.correction, virtual.setup.refine
+    if correction is None:
+        return None
+    try:
+        coarse = _on_mesh(virtual, coarser(refine), shapes)
+    except SolveError:
+        return None
+    return left_over(refine, shapes.displacement, correction, coarse)
+
+
+def _on_mesh(virtual: VirtualTest, refine: int, shapes: Shapes) -> Floats:
+    """Displacements (frames, n, 3) mm of this mesh's nodes as another mesh has them."""
+    setup = replace(virtual.setup, refine=refine, correct_mesh=False)
+    other = VirtualTest(virtual.test, setup, virtual.threads)
+    here, there = virtual.mesh.nodes, other.mesh.nodes
+    between = smooth_value(here, there)
+    guess = np.stack([between @ one for one in shapes.displacement])
+    near = replace(shapes, displacement=guess, derivative={})
+    try:
+        found = other.shapes(shapes.values, near=near)
+    except SolveError:
+        found = other.shapes(shapes.values)
+    back = smooth_value(there, here)
+    return np.stack([back @ one for one in found.displacement])

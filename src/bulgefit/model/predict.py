@@ -1,0 +1,88 @@
+"""What would the cameras have seen of a known material, at the points of a test?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
+from bulgefit.model.parameters import Material, as_material
+from bulgefit.model.setup import Setup
+from bulgefit.model.virtual_test import VirtualTest
+from bulgefit.parallel.threads import one_blas_thread
+
+__all__ = ["Predicted", "predict"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Displacements as the cameras would report them.
+
+    Attributes
+    ----------
+    blocks : tuple of (frames, points, 3) arrays, mm
+        One for each block of the test.
+    mesh_error : (3,) array, mm, or None
+        Root mean square of what is left of the mesh's error in dx, dy, dz; None where it is not
+        taken off or not known.
+    stable : (frames,) bool array
+        Whether the balanced shapes are stable.
+    """
+
+    blocks: tuple[Floats, ...]
+    mesh_error: Floats | None
+    stable: NDArray[np.bool_]
+
+    @property
+    def displacement(self) -> Floats:
+        """(frames, points, 3) mm, of a test of one block; InputError of others."""
+        if len(self.blocks) != 1:
+            raise InputError("the test's frames have points of their own: look at `blocks`")
+        return self.blocks[0]
+
+
+def predict(
+    test: BulgeTest,
+    material: Material | Mapping[str, float],
+    *,
+    effects: Mapping[str, float] | None = None,
+    setup: Setup | None = None,
+) -> Predicted:
+    """Displacements at a test's points and pressures.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    material : Material or mapping
+        Or E1, E2, G12 (MPa) of an orthotropic one (nu12 is the test's unless given), or E and nu,
+        or E and G, of an isotropic one.
+    effects : mapping of `effect.parameter` to value, optional
+        What else the test has; see `bulgefit.effects`.
+    setup : Setup, optional
+        Law, mesh, evaluation; by default the mesh's error is taken off.
+
+    Raises
+    ------
+    InputError
+        Parameters that are unknown or not admissible.
+    SolveError
+        No equilibrium at the test's pressures.
+    """
+    made = as_material(material, test.poisson_ratio)
+    virtual = VirtualTest(test, setup)
+    with one_blas_thread():
+        shapes = virtual.shapes({**made.constants(), **(effects or {})})
+        correct_mesh(virtual, shapes)
+        left = mesh_remainder(virtual, shapes)
+        blocks = tuple(
+            virtual.observe(shapes, block=i).displacement for i in range(len(test.blocks))
+        )
+    error = None if left is None else np.sqrt((left**2).mean(axis=(0, 1)))
+    return Predicted(blocks, error, shapes.stable)

@@ -1,0 +1,72 @@
+"""How is a virtual test computed: law, mesh, evaluation at points, interpolation in pressure?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bulgefit.errors import InputError
+from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh
+
+__all__ = ["STUDY_LEVELS", "Setup"]
+
+#: The study's pressure levels, MPa.
+STUDY_LEVELS = np.linspace(0.001, 3.0, 200) * 0.1
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How the virtual test is computed.
+
+    Attributes
+    ----------
+    law : str
+        A key of `bulgefit.fem.laws.LAWS`.
+    mesh : Mesh or None
+        None: a disc of the test's radius, `refine` times refined.
+    refine : int
+    relaxation : bool
+        Tension-field relaxation.
+    evaluation : {"smooth", "shape", "rbf", "local-rbf"}
+        Field evaluation at the measured points; see `bulgefit.model.observation`.
+    interpolation : {"dense", "study"}
+        In pressure: the path's dense output, or linear between the study's 200 levels.
+    tolerance : float, mm
+        Of the dense output, for a radius of 100 mm.
+    linear_solver : str or None
+        Force a linear solver; None chooses by size.
+    correct_mesh : bool
+        Take the mesh's error off, as estimated from a finer one. Only with bulgefit's own meshes
+        and smooth evaluation; never done otherwise.
+    """
+
+    law: str = "hencky"
+    mesh: Mesh | None = field(default=None, compare=False)
+    refine: int = DEFAULT_REFINE
+    relaxation: bool = True
+    evaluation: str = "smooth"
+    interpolation: str = "dense"
+    tolerance: float = 1e-3
+    linear_solver: str | None = None
+    correct_mesh: bool = True
+
+    def __post_init__(self) -> None:
+        if self.interpolation not in ("dense", "study"):
+            raise InputError(
+                f"interpolation: {self.interpolation!r} is unknown; choose from dense, study"
+            )
+
+    @classmethod
+    def study(cls, mesh: Mesh | None = None, law: str = "hencky") -> Setup:
+        """The published study's way: its radial basis functions through the nodes of its mesh,
+
+        linear between its 200 pressure levels, the mesh's error left in.
+        """
+        return cls(law=law, mesh=mesh, evaluation="rbf", interpolation="study", correct_mesh=False)
+
+    @property
+    def corrects_mesh(self) -> bool:
+        """Whether the mesh's error is taken off."""
+        smooth = self.evaluation == "smooth" and self.interpolation == "dense"
+        return self.correct_mesh and smooth and self.mesh is None

@@ -1,0 +1,120 @@
+"""How noisy a test is: also where points are lost, and where the noise is correlated in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.noise import estimate_noise
+from bulgefit.errors import InputError
+from bulgefit.gap.prepare import _usable_frames, prepare
+
+SIGMA = np.array([0.006, 0.006, 0.015])
+FRAMES = 8
+
+
+@pytest.fixture
+def points(grid: Callable[..., np.ndarray]) -> np.ndarray:
+    return grid(6.0)
+
+
+def dome(points: np.ndarray, frames: int = FRAMES) -> np.ndarray:
+    """A smooth displacement (frames, n, 3) mm that grows."""
+    x, y = points[:, :2].T / 100.0
+    rise = np.cbrt(np.linspace(0.1, 2.5, frames))[:, None]
+    return np.stack([0.5 * rise * x, 0.5 * rise * y, 20.0 * rise * (1 - x * x - y * y)], axis=-1)
+
+
+def bulge_test(points: np.ndarray, displacement: np.ndarray, **more: object) -> BulgeTest:
+    pressure = np.linspace(0.01, 0.25, len(displacement))
+    return BulgeTest.from_arrays(points, displacement, pressure, **more)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.1, 0.3])
+def test_scattered_lost_points_do_not_change_the_noise(points: np.ndarray, lost: float) -> None:
+    rng = np.random.default_rng(1)
+    seen = dome(points) + rng.normal(size=(FRAMES, len(points), 3)) * SIGMA
+    seen[rng.random(seen.shape[:2]) < lost] = np.nan
+    noise = estimate_noise(bulge_test(points, seen))
+    assert noise.source == "the field itself"
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+    assert noise.inflation < 1.5
+
+
+@pytest.mark.parametrize("lost_in", [0, 9])
+def test_rough_frames_are_left_out_though_points_are_lost(points: np.ndarray, lost_in: int) -> None:
+    """Three of ten frames deform in bands; a third of the points is lost in one frame."""
+    rng = np.random.default_rng(2)
+    seen = dome(points, 10) + rng.normal(size=(10, len(points), 3)) * SIGMA
+    seen[7:, :, :2] += 0.2 * rng.normal(size=(3, len(points), 2))
+    seen[lost_in, rng.random(len(points)) < 0.33] = np.nan
+    test = bulge_test(points, seen)
+    frames, rough_from = _usable_frames(test)
+    # the frame before the first rough one may already begin to
+    np.testing.assert_array_equal(frames, np.arange(6))
+    assert rough_from == pytest.approx(10.0 * test.pressure[6])
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.25])
+def test_inflation_is_that_of_a_mean_of_correlated_noise(
+    grid: Callable[..., np.ndarray], jitter: float
+) -> None:
+    """Points that are scattered are as many to the area as those of a regular grid."""
+    rng = np.random.default_rng(3)
+    points = grid(4.6)
+    points[:, :2] += rng.uniform(-jitter, jitter, (len(points), 2)) * 4.6
+    distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    correlation = 0.36 * np.exp(-((distance / 10.0) ** 2))
+    root = np.linalg.cholesky(correlation + 0.64 * np.eye(len(points)))
+    rest = np.einsum("nm,fmc->fnc", root, rng.normal(size=(12, len(points), 3))) * SIGMA
+    noise = estimate_noise(bulge_test(points, dome(points), static_displacement=rest))
+    inside = np.hypot(*points[:, :2].T) < 70.0
+    exact = 1.0 + correlation[inside].sum(axis=1).mean() - 0.36
+    assert noise.inflation == pytest.approx(exact, rel=0.2)
+
+
+def test_images_at_rest_that_lack_a_component_are_left_out(points: np.ndarray) -> None:
+    rng = np.random.default_rng(4)
+    rest = rng.normal(size=(4, len(points), 3)) * SIGMA
+    rest[1, :, 2] = np.nan
+    noise = estimate_noise(bulge_test(points, dome(points), static_displacement=rest))
+    assert noise.source == "static images"
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+    rest[..., 0] = np.nan
+    seen = dome(points) + rng.normal(size=(FRAMES, len(points), 3)) * SIGMA
+    noise = estimate_noise(bulge_test(points, seen, static_displacement=rest))
+    assert noise.source == "the field itself"
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+
+
+def test_a_component_that_was_never_measured_is_refused(points: np.ndarray) -> None:
+    seen = dome(points)
+    seen[..., :2] = np.nan
+    with pytest.raises(InputError, match="dx, dy was never measured"):
+        prepare(bulge_test(points, seen))
+
+
+@pytest.mark.parametrize("squeeze", [(1.0, 0.0), (0.0, 0.0), (0.01, 1.0)])
+def test_points_that_span_no_area_are_refused(
+    points: np.ndarray, squeeze: tuple[float, float]
+) -> None:
+    turned = (points[:, :2] * squeeze) @ np.array([[0.8, 0.6], [-0.6, 0.8]])
+    points = np.column_stack([turned, points[:, 2]])
+    with pytest.raises(InputError, match="the points lie in a line or at one place"):
+        prepare(bulge_test(points, dome(points)))
+
+
+def test_a_patch_of_points_is_a_field(points: np.ndarray) -> None:
+    points = 0.1 * points
+    assert prepare(bulge_test(points, dome(points))).data.used.all()
+
+
+def test_a_field_without_noise_has_none(points: np.ndarray) -> None:
+    noise = estimate_noise(
+        bulge_test(points, dome(points), static_displacement=np.zeros((4, len(points), 3)))
+    )
+    assert noise.inflation == 1.0
+    assert (noise.sigma < 1e-4).all()
