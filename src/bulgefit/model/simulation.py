@@ -192,6 +192,7 @@ def simulate(
             (min(_LOWEST, loads.min()), loads.max()),
             tolerance=tolerance,
             parameters=parameters.values,
+            beyond_ellipticity=True,
         )
         displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
         balanced = len(loads) <= BALANCED_UP_TO

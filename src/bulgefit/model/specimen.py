@@ -241,7 +241,12 @@ class Specimen:
             )
         low, high = float(pressure.min()), float(pressure.max())
         path = trace(
-            membrane, stiffness, (min(low, 0.5 * high), high), tolerance=0.05, parameters=values
+            membrane,
+            stiffness,
+            (min(low, 0.5 * high), high),
+            tolerance=0.05,
+            parameters=values,
+            beyond_ellipticity=True,
         )
         low, high = path.pressure[0], path.pressure[-1]
         return np.array([path(min(max(p, low), high))[0] for p in pressure])

@@ -148,6 +148,7 @@ class VirtualTests:
                 tolerance=self.setup.tolerance,
                 sensitivities=derivatives,
                 parameters=material.values,
+                beyond_ellipticity=True,
             )
             for key, membrane in self._membranes.items()
         }
