@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from itertools import product
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.ellipticity import ROUNDING, point_margin
@@ -52,18 +53,20 @@ def first_loss(law: str, shear: float, ratio: float, degrees: float) -> float:
 
 
 def table(laws: list[str]) -> list[str]:
-    """The map as lines of Markdown."""
+    """The map as lines of Markdown: per cent, at each G12 in MPa."""
     lines = [
         "| r | turned by | law |" + "".join(f" {shear:g} |" for shear in SHEAR),
         "|---|---|---|" + "---|" * len(SHEAR),
     ]
-    for ratio in RATIOS:
-        for degrees in ANGLES:
-            for law in laws:
-                found = [first_loss(law, shear, ratio, degrees) for shear in SHEAR]
-                cells = "".join(f" {100 * e:.3g} |" if e < math.inf else " – |" for e in found)
-                lines.append(f"| {ratio:g} | {degrees:g}° | {law} |{cells}")
-    return lines
+    never = set(laws)
+    for ratio, degrees, law in product(RATIOS, ANGLES, laws):
+        found = [first_loss(law, shear, ratio, degrees) for shear in SHEAR]
+        if min(found) < math.inf:
+            cells = "".join(f" {100 * e:.3g} |" if e < math.inf else " – |" for e in found)
+            lines.append(f"| {ratio:g} | {degrees:g}° | {law} |{cells}")
+            never.discard(law)
+    words = f"Elliptic in all these states, up to a strain of {100 * LARGEST:g} %: "
+    return [*lines, "", words + (", ".join(law for law in laws if law in never) or "none") + "."]
 
 
 def main() -> None:

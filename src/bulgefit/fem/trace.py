@@ -412,7 +412,7 @@ def _climb(tracer: _Tracer, end: float, tolerance: float, *, leap: bool) -> floa
             if tracer.levels[-1].s - s < smallest:
                 raise _given_up(tracer, tracer.failure, tracer.levels[-1].s + smallest)
         else:
-            share = _advance(tracer, step)
+            share = _advance(tracer, step, end)
         if tracer.elliptic:
             _check_ellipticity(tracer)
         if len(tracer.levels) <= _MANY:
@@ -434,12 +434,13 @@ def _least_step(tracer: _Tracer, end: float) -> float:
     return (end - tracer.levels[-1].s) / max(1, _MOST - made) if made >= _MANY else 0.0
 
 
-def _advance(tracer: _Tracer, step: float) -> float:
+def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """Add a level about `step` ahead; returns the share of the step that was made.
 
     Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
     find there, descent of the potential does. Where steps in pressure fail, the branch is followed
-    by its volume until pressure can be stepped again, or its greatest pressure is passed.
+    by its volume until pressure can be stepped again, or its greatest pressure is passed; cloth
+    that is too loose for that is looked for where it is taut.
 
     Raises
     ------
@@ -456,8 +457,29 @@ def _advance(tracer: _Tracer, step: float) -> float:
         except NewtonError as error:
             failure = error
             tracer.descends &= follow
-    _go_by_volume(tracer, last + min(_SHORTER) * step, failure)
+    try:
+        _go_by_volume(tracer, last + min(_SHORTER) * step, failure)
+    except _StoppedError as stopped:
+        if stopped.cause is not Cause.NOT_CONVERGED or not below.wrinkled:
+            raise
+        if not _draw_taut(tracer, end):
+            raise
     return (tracer.levels[-1].s - last) / step
+
+
+def _draw_taut(tracer: _Tracer, end: float) -> bool:
+    """Add a level at a pressure that draws loose cloth taut; False where none is found."""
+    low = tracer.levels[-1].s
+    for factor in _TAUTER:
+        s = min(low * float(np.cbrt(factor)), end)
+        try:
+            guess = flat_guess(tracer.membrane, s**3, tracer.stiffness)
+            tracer.solve(s, guess, follow=False)
+            return True
+        except NewtonError:
+            if s == end:
+                break
+    return False
 
 
 def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
