@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from bulgefit.dic import read_test, write_test
+from bulgefit.dic import hdf5_apart, read_test, write_test
 from bulgefit.dic.keyed_arrays import need_memory
 from bulgefit.errors import InputError
 
@@ -275,6 +275,26 @@ def test_hdf5_unit_of_any_length(hdf5, made):
         file["pressure"] = made.pressure
         file["pressure"].attrs["unit"] = "bar\n" * 10_000
     refused(path, "pressure has the unit 'bar")
+
+
+def test_hdf5_takes_no_module_from_where_it_runs(hdf5, made, tmp_path, monkeypatch):
+    path = hdf5("")
+    (tmp_path / "h5py.py").write_text("open('ran', 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    assert read_test(path).n_frames == 6
+    assert not (tmp_path / "ran").exists()
+
+
+def test_hdf5_on_which_its_library_does_not_end(hdf5, monkeypatch):
+    path = hdf5("")
+    start = hdf5_apart._START.split("from bulgefit")[0]
+    for what, why in (
+        ("while True: pass", "does not come to an end"),
+        ("import os; os.kill(os.getpid(), 11)", "fails on it"),
+    ):
+        limit = "from bulgefit.dic.hdf5_apart import _limit; _limit(10**9, -10**7)\n"
+        monkeypatch.setattr(hdf5_apart, "_START", start + "\n" + limit + what)
+        refused(path, f"damaged HDF5 file .*{why}")
 
 
 # ---- pickles ----
