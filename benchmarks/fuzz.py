@@ -132,11 +132,9 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
 
     def write_npz(rng: np.random.Generator) -> Path:
         name, data = single["npz"]
-        if rng.integers(2):  # damage within the archive, whose checksums then are right
-            data = archived(data, rng)
-        else:
-            data = damaged(data, rng)
-        (folder / name).write_bytes(data)
+        # half of them are damaged within the archive, whose checksums then are right
+        spoil = archived if rng.integers(2) else damaged
+        (folder / name).write_bytes(spoil(data, rng))
         return folder / name
 
     def write_csv(rng: np.random.Generator) -> Path:

@@ -201,6 +201,13 @@ def test_npz_in_fortran_order_and_other_bytes(made, tmp_path):
     np.testing.assert_array_equal(block.displacement, made.displacement.astype(np.float32))
 
 
+def test_names_of_members_stay_on_one_line(tmp_path):
+    members = {"a\nb.npy": b"", "\x1b[31m.npy": b"", "c" * 300: b""}
+    zip_of(tmp_path / "t.npz", {**members, **{f"n{i}": b"" for i in range(50)}})
+    said = refused(tmp_path / "t.npz", "not a bulge test")
+    assert said.isprintable()
+
+
 # ---- HDF5 ----
 
 

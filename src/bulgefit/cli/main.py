@@ -20,6 +20,7 @@ __all__ = ["VERBS", "main"]
 VERBS = {
     "simulate": ("bulgefit.cli.simulate", "inflate a membrane of known material"),
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
+    "align": ("bulgefit.cli.align", "lay a raw cloud of points into the clamp's frame"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),

@@ -27,6 +27,7 @@ _UNITS = {
     "time": TIME,
     "poisson_ratio": PURE,
     "frame": PURE,
+    "history": PURE,
 }
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 

@@ -47,6 +47,8 @@ class Recording:
     name : str or None
     pressure_unit : str
         Of the numbers in the file, one of `bulgefit.dic.units.PRESSURE`: messages speak in it.
+    history : sequence of str
+        What was done to the test before it was written.
     """
 
     pressure: ArrayLike
@@ -61,6 +63,7 @@ class Recording:
     time: ArrayLike | None = None
     name: str | None = None
     pressure_unit: str = "MPa"
+    history: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
