@@ -14,7 +14,7 @@ from bulgefit.dic.formats.frames import Frame, Signal
 from bulgefit.dic.formats.logs import LogError, is_log, read_log
 from bulgefit.dic.formats.names import column
 from bulgefit.dic.formats.source import Head
-from bulgefit.dic.units import PRESSURE, TIME
+from bulgefit.dic.units import LENGTH, PRESSURE, TIME
 from bulgefit.errors import InputError
 
 __all__ = ["BY_NAMES", "Pressures", "is_of_pressure", "pressures_of"]
@@ -307,6 +307,10 @@ def _time(signals: Sequence[Signal]) -> Floats | None:
 
 
 def _listed(signals: Sequence[Signal]) -> str:
-    names = [repr(signal.name) for signal in signals]
+    # what is no length and no time, and changes, comes first
+    ordered = sorted(
+        signals, key=lambda s: (s.unit in LENGTH or s.unit in TIME, not np.ptp(s.values))
+    )
+    names = [repr(signal.name) for signal in ordered]
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more or "nothing was recorded"
