@@ -204,12 +204,26 @@ def test_volts_that_are_named_bar_are_noticed(truth, frames, holds, said):
     assert "holds the V of 'Pressure [V]' and is not used" in said[-1]
 
 
+def test_volts_that_are_named_newtons_are_noticed(truth, frames, holds):
+    """A load cell whose force is the pressure on its plate, exported as MatchID 2024 does."""
+    volts = truth.pressure * 4 + 0.1
+    folder = frames(column="ext.Force [N]", values=volts)
+    write_log(folder, ["File,Force [V],Force [N]", *map(row, NAMES, volts, (volts - 0.1) * 250)])
+    options = {"pressure_unit": "0.01bar/N", **SPECIMEN}
+    with pytest.raises(
+        InputError, match=r"hold the same numbers, in N and in V, and 'Force .N.' of"
+    ):
+        read_test(folder, pressure_column="ext.Force [N]", **options)
+    holds(read_test(folder, pressure_column="Force [N]", **options))
+
+
 def test_columns_that_contradict_are_refused(truth, frames, holds):
     volts = truth.pressure * 4
     folder = frames(column="ext.Pressure [bar]", values=truth.pressure * 10 + 0.1)
     write_log(folder, ["file,Pressure [bar]", *map(row, NAMES, volts)])
     with pytest.raises(InputError, match="are both in bar and differ; say which holds"):
         read_test(folder, **SPECIMEN)
+    frames()
     write_log(folder, ["file,Pressure [bar],ai0 [V]", *map(row, NAMES, volts, volts)])
     with pytest.raises(InputError, match="hold the same numbers, in bar and in V, so one unit is"):
         read_test(folder, **SPECIMEN)

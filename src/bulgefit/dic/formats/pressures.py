@@ -158,11 +158,16 @@ def _from_log(
     column: str | None,
     unit: str | None,
 ) -> Pressures:
-    signal = _chosen(signals, column, str(path))
-    values, known = _in_mpa(signal, unit, str(path))
-    notes = [f"pressure from {signal.name!r} of {path.name}, found by {how}"]
-    if column is None or unit is None:  # else the user has said what holds
-        notes += _contradictions(signal, [*signals, *_recorded(frames)])
+    recorded = _recorded(frames)
+    if column is not None and not _candidates(signals, column) and _candidates(recorded, column):
+        signal = _chosen(recorded, column, str(path))
+        notes = [f"pressure from {signal.name!r} in the frames"]
+    else:
+        signal = _chosen(signals, column, str(path))
+        notes = [f"pressure from {signal.name!r} of {path.name}, found by {how}"]
+    values, known = _in_mpa(signal, unit, signal.where)
+    confirmed = column is not None and unit is not None
+    notes += _contradictions(signal, [*signals, *recorded], confirmed)
     return Pressures(values, known, _time(signals), (path,), "; ".join(notes))
 
 
@@ -248,29 +253,46 @@ def _parsed(unit: str) -> tuple[float, str, str | None]:
     return size, found[2], found[3]
 
 
-def _contradictions(signal: Signal, all_signals: Sequence[Signal]) -> list[str]:
+def _contradictions(signal: Signal, all_signals: Sequence[Signal], confirmed: bool) -> list[str]:
     """What is not what its unit says; refuse the chosen column if that is so of it.
 
     Some exports put the volts of an input under the unit of what it measures.
+
+    Parameters
+    ----------
+    signal : Signal
+        The chosen one.
+    all_signals : sequence of Signal
+    confirmed : bool
+        Whether the user has named both the column and its unit, and so said what holds where two
+        columns leave that open.
     """
     notes = []
     others = [other for other in all_signals if other is not signal]
+    rivals = [s for s in others if _is_same_quantity(signal, s) and not _are_equal(signal, s)]
     if twin := _same_in_another_unit(signal, others):
-        raise InputError(
-            f"{_place(signal)} and {_place(twin)} hold the same numbers, in {signal.unit} and in "
-            f"{twin.unit}, so one unit is wrong; say what holds with --pressure-column and "
-            "--pressure-unit"
+        same = (
+            f"{signal.where}: {_place(signal)} and {_place(twin)} hold the same numbers, in "
+            f"{signal.unit} and in {twin.unit}"
         )
-    for other in others:
-        if not _is_same_quantity(signal, other) or _are_equal(signal, other):
-            continue
-        twin = _same_in_another_unit(other, [s for s in others if s is not other])
-        if twin is None:
+        if rivals:
             raise InputError(
-                f"{_place(signal)} and {_place(other)} are both in {signal.unit} and differ; say "
-                "which holds with --pressure-column and --pressure-unit"
+                f"{same}, and {_place(rivals[0])} others in {signal.unit}; give that one with "
+                "--pressure-column"
             )
-        notes.append(f"{_place(other)} holds the {twin.unit} of {twin.name!r} and is not used")
+        if not confirmed:
+            raise InputError(
+                f"{same}, so one unit is wrong; say what holds with --pressure-column and "
+                "--pressure-unit"
+            )
+    for rival in rivals:
+        if twin := _same_in_another_unit(rival, [s for s in others if s is not rival]):
+            notes.append(f"{_place(rival)} holds the {twin.unit} of {twin.name!r} and is not used")
+        elif not confirmed:
+            raise InputError(
+                f"{signal.where}: {_place(signal)} and {_place(rival)} are both in {signal.unit} "
+                "and differ; say which holds with --pressure-column and --pressure-unit"
+            )
     return notes
 
 
@@ -295,7 +317,7 @@ def _is_same_quantity(one: Signal, other: Signal) -> bool:
 
 
 def _place(signal: Signal) -> str:
-    return f"{signal.name!r} of {signal.where}"
+    return f"{signal.name!r} of {Path(signal.where).name}"
 
 
 def _time(signals: Sequence[Signal]) -> Floats | None:
