@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -133,7 +133,7 @@ def _read(
     pressure = pressures_of(
         frames,
         [head for head in source.heads if head not in own],
-        [head for head in source.beside if not format.recognises(head)],
+        _beside(format, source),
         where,
         **{_FOR_PRESSURE[key]: value for key, value in options.items()},
     )
@@ -163,6 +163,11 @@ def _read(
     )
 
 
+def _beside(format: Format, source: Source) -> Iterator[Head]:
+    # a generator, so that a folder of many files is looked through only where that is needed
+    yield from (head for head in source.beside if not format.recognises(head))
+
+
 def _kind_of_positions(
     format: Format, frames: list[Frame], asked: str | None, where: str
 ) -> tuple[str, list[str]]:
@@ -177,8 +182,10 @@ def _kind_of_positions(
     found = evidence(frames)
     if found is None:
         return kind, ["one frame only: the numbers do not tell whether its positions are " + kind]
-    if found.says in (None, kind):
+    if found.says == kind:
         return kind, []
+    if found.says is None:
+        return kind, [f"the numbers do not tell whether its positions are {kind}"]
     means = {REFERENCE: "those before inflation (x1 = x0)", CURRENT: "current (x1 = x0 + u)"}
     told = f"positions are {means[found.says]} by the numbers, not {kind}"
     if asked is None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.formats.contradictions import contradictions
 from bulgefit.dic.formats.frames import Frame, Signal
 from bulgefit.dic.formats.logs import LogError, is_log, read_log
 from bulgefit.dic.formats.names import column
@@ -62,7 +63,7 @@ def is_of_pressure(name: str, unit: str | None) -> bool:
 def pressures_of(
     frames: Sequence[Frame],
     others: Sequence[Head],
-    beside: Sequence[Head],
+    beside: Iterable[Head],
     where: str,
     *,
     pressure: str | None = None,
@@ -76,7 +77,7 @@ def pressures_of(
     frames : sequence of Frame
     others : sequence of Head
         What was given beside the frames, of which one may be a log.
-    beside : sequence of Head
+    beside : iterable of Head
         Further files of the folder; a log of theirs counts if it has all the frames.
     where : str
         What is read, for messages.
@@ -121,7 +122,7 @@ def pressures_of(
 
 
 def _log_of(
-    names: list[str], others: Sequence[Head], beside: Sequence[Head], where: str
+    names: list[str], others: Sequence[Head], beside: Iterable[Head], where: str
 ) -> tuple[Path, str, list[Signal]] | None:
     """The one log beside the frames, how its rows were found, and what it recorded.
 
@@ -167,7 +168,7 @@ def _from_log(
         notes = [f"pressure from {signal.name!r} of {path.name}, found by {how}"]
     values, known = _in_mpa(signal, unit, signal.where)
     confirmed = column is not None and unit is not None
-    notes += _contradictions(signal, [*signals, *recorded], confirmed)
+    notes += contradictions(signal, [*signals, *recorded], confirmed)
     return Pressures(values, known, _time(signals), (path,), "; ".join(notes))
 
 
@@ -251,73 +252,6 @@ def _parsed(unit: str) -> tuple[float, str, str | None]:
             "such as 2.5bar/V"
         )
     return size, found[2], found[3]
-
-
-def _contradictions(signal: Signal, all_signals: Sequence[Signal], confirmed: bool) -> list[str]:
-    """What is not what its unit says; refuse the chosen column if that is so of it.
-
-    Some exports put the volts of an input under the unit of what it measures.
-
-    Parameters
-    ----------
-    signal : Signal
-        The chosen one.
-    all_signals : sequence of Signal
-    confirmed : bool
-        Whether the user has named both the column and its unit, and so said what holds where two
-        columns leave that open.
-    """
-    notes = []
-    others = [other for other in all_signals if other is not signal]
-    rivals = [s for s in others if _is_same_quantity(signal, s) and not _are_equal(signal, s)]
-    if twin := _same_in_another_unit(signal, others):
-        same = (
-            f"{signal.where}: {_place(signal)} and {_place(twin)} hold the same numbers, in "
-            f"{signal.unit} and in {twin.unit}"
-        )
-        if rivals:
-            raise InputError(
-                f"{same}, and {_place(rivals[0])} others in {signal.unit}; give that one with "
-                "--pressure-column"
-            )
-        if not confirmed:
-            raise InputError(
-                f"{same}, so one unit is wrong; say what holds with --pressure-column and "
-                "--pressure-unit"
-            )
-    for rival in rivals:
-        if twin := _same_in_another_unit(rival, [s for s in others if s is not rival]):
-            notes.append(f"{_place(rival)} holds the {twin.unit} of {twin.name!r} and is not used")
-        elif not confirmed:
-            raise InputError(
-                f"{signal.where}: {_place(signal)} and {_place(rival)} are both in {signal.unit} "
-                "and differ; say which holds with --pressure-column and --pressure-unit"
-            )
-    return notes
-
-
-def _same_in_another_unit(signal: Signal, others: Sequence[Signal]) -> Signal | None:
-    # constant columns, such as those of an input that is not connected, say nothing
-    if signal.unit is None or not np.ptp(signal.values):
-        return None
-    for other in others:
-        if other.unit not in (None, signal.unit) and _are_equal(signal, other):
-            return other
-    return None
-
-
-def _are_equal(one: Signal, other: Signal) -> bool:
-    # exports round to six digits and more
-    return bool(np.allclose(one.values, other.values, rtol=1e-5, atol=0, equal_nan=True))
-
-
-def _is_same_quantity(one: Signal, other: Signal) -> bool:
-    last = [signal.quantity.split(".")[-1] for signal in (one, other)]
-    return last[0] == last[1] and one.unit == other.unit and one.unit is not None
-
-
-def _place(signal: Signal) -> str:
-    return f"{signal.name!r} of {Path(signal.where).name}"
 
 
 def _time(signals: Sequence[Signal]) -> Floats | None:
