@@ -239,6 +239,12 @@ def test_a_column_of_the_frames(truth, frames, holds, said):
     assert said[-1] == "pressure from 'ext.Pressure [mbar]' in the frames"
 
 
+def test_times_of_the_frames(truth, frames):
+    folder = frames(column="ext.Time [s]", values=[0.5, 1.5, 2.5, 9])
+    write_log(folder, ["file,p_bar", *map(row, NAMES, truth.pressure * 10)])
+    assert read_test(folder, **SPECIMEN).time.tolist() == [0.5, 1.5, 2.5, 9]
+
+
 def test_any_column_of_the_frames_that_is_asked_for(truth, frames, holds):
     folder = frames(column="channel 3", values=truth.pressure * 10)
     with pytest.raises(InputError, match="no pressure found in a log beside the frames"):

@@ -169,7 +169,8 @@ def _from_log(
     values, known = _in_mpa(signal, unit, signal.where)
     confirmed = column is not None and unit is not None
     notes += contradictions(signal, [*signals, *recorded], confirmed)
-    return Pressures(values, known, _time(signals), (path,), "; ".join(notes))
+    time = _time([*signals, *recorded])
+    return Pressures(values, known, time, (path,), "; ".join(notes))
 
 
 def _from_names(names: Sequence[str], where: str) -> Pressures:
@@ -256,7 +257,8 @@ def _parsed(unit: str) -> tuple[float, str, str | None]:
 
 def _time(signals: Sequence[Signal]) -> Floats | None:
     """Times in s, where one column is of time and states its unit."""
-    found = [s for s in signals if s.unit in TIME and s.quantity.lower().startswith("time")]
+    named = [s for s in signals if s.quantity.split(".")[-1].lower().startswith("time")]
+    found = [s for s in named if s.unit in TIME]
     if len(found) != 1 or not np.isfinite(found[0].values).all():
         return None
     return found[0].values * TIME[str(found[0].unit)]
