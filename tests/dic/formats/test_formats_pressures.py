@@ -62,6 +62,22 @@ def test_vic_snap_log_is_joined_by_file_names(truth, frames, holds, said):
     )
 
 
+@pytest.mark.parametrize(("export", "image"), [("", "_0.tif"), ("_0", ".tif"), ("", "_1.tif")])
+def test_the_number_of_the_camera_may_be_left_out(truth, frames, holds, export, image):
+    names = [f"run-{i:04d}" for i in range(4)]
+    folder = frames([f"{name}{export}" for name in names])
+    lines = [row(f"{n}{image}", p * 10) for n, p in zip(names, truth.pressure, strict=True)]
+    write_log(folder, ["Filename_0_1,p_bar", *lines])
+    holds(read_test(folder, **SPECIMEN))
+
+
+def test_steps_are_not_taken_for_cameras(frames):
+    folder = frames([f"step_{i}" for i in range(4)])
+    write_log(folder, ["file,p_bar", row("step", 1), row("step_2", 2)])
+    with pytest.raises(InputError, match="has no row for 3 of 4 frames, first 'step_0'"):
+        read_test(folder, **SPECIMEN)
+
+
 def test_matchid_image_csv(truth, frames, holds):
     folder = frames([f"Image_{i:04d}_0.tiff" for i in range(4)])
     lines = ["File;TimeStamp;Pressure [V]; Pressure [bar]"]

@@ -37,6 +37,8 @@ class Layout:
         Positions at the frame.
     ids : tuple of str
         Columns that tell the points apart through the frames, where the file has them.
+    rows_are_ids : bool
+        Whether every file has a row for each point, lost or not; a join checks that.
     row : str or None
         The column of the pixel's row in the reference image.
     marks : tuple of (str, float)
@@ -53,6 +55,7 @@ class Layout:
     displacement: Three | None
     deformed: Three | None = None
     ids: tuple[str, ...] = ()
+    rows_are_ids: bool = False
     row: str | None = None
     marks: tuple[tuple[str, float], ...] = ()
     zeros: bool = False
@@ -114,7 +117,7 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
         name=frame_name(path.name),
         position=position,
         displacement=displacement,
-        ids=_ids(values, layout.ids),
+        ids=np.arange(len(position))[:, None] if layout.rows_are_ids else _ids(values, layout.ids),
         pixels=None if layout.row is None else values.get(layout.row),
         signals=_signals(table, ask.signal),
     )
