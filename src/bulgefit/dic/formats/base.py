@@ -21,6 +21,8 @@ from bulgefit.errors import InputError
 __all__ = ["Ask", "Format", "register"]
 
 _OPTIONS = ("pressure", "pressure_column", "pressure_unit", "positions", "length_unit")
+_NO_UNIT = "lengths state no unit and are taken as mm; --length-unit gives another"
+_TURNED = "y and z change sign: the file's y runs down the image"
 _FOR_PRESSURE = {"pressure": "pressure", "pressure_column": "column", "pressure_unit": "unit"}
 
 
@@ -156,7 +158,8 @@ def _read(
         notes=(
             f"{format.name}: {_counted(len(frames), 'frame')} of {format.system}, {kind} positions",
             *notes,
-            *(["y and z change sign: the file's y runs down the image"] if turned else []),
+            *([] if length_unit or all(f.has_units for f in frames) else [_NO_UNIT]),
+            *([_TURNED] if turned else []),
             _said_of_points(frames, by, count, format.lost),
             pressure.note,
         ),

@@ -52,6 +52,7 @@ def _read(path: Path, ask: Ask) -> list[Frame]:
             position=position * ask.length,
             displacement=displacement * ask.length,
             ids=np.arange(len(position))[:, None],
+            has_units=False,
         )
         frames.append(measured_rows(frame, np.zeros(len(position), dtype=bool)))
     return frames

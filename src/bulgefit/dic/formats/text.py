@@ -120,6 +120,7 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
         ids=np.arange(len(position))[:, None] if layout.rows_are_ids else _ids(values, layout.ids),
         pixels=None if layout.row is None else values.get(layout.row),
         signals=_signals(table, ask.signal),
+        has_units=all(_states_unit(table, name) for name in layout.position),
     )
     return measured_rows(frame, lost), table
 
@@ -142,6 +143,11 @@ def _values(table: Table, layout: Layout) -> dict[str, Floats]:
 
 def _find(table: Table, quantity: str) -> Column | None:
     return next((column for column in table.columns if column.quantity == quantity), None)
+
+
+def _states_unit(table: Table, quantity: str) -> bool:
+    column = _find(table, quantity)
+    return column is not None and column.unit is not None
 
 
 def _lengths(table: Table, values: dict[str, Floats], quantities: Three, ask: Ask) -> Floats:
