@@ -279,6 +279,15 @@ def test_names_of_the_frames(truth, frames, holds):
         read_test(folder, pressure_column="q", **SPECIMEN)
 
 
+@pytest.mark.parametrize("where", ["frames", "names"])
+def test_a_log_of_forces_leaves_the_pressure_to_what_tells_it(truth, frames, holds, where):
+    names = [f"cloth2_{p * 10:g}bar" for p in truth.pressure] if where == "names" else NAMES
+    column = "ext.Pressure [mbar]" if where == "frames" else ""
+    folder = frames(names, column=column, values=truth.pressure * 1e4)
+    write_log(folder, ["file,force [N],time [s]", *(row(name, 7, 3) for name in names)])
+    holds(read_test(folder, **SPECIMEN))
+
+
 def test_names_without_a_pressure_or_with_two(frames):
     folder = frames(["a_0bar", "a_1bar", "a_2bar_3bar", "a_x"])
     with pytest.raises(InputError, match="the name 'a_2bar_3bar' does not tell one pressure"):

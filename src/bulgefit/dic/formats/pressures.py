@@ -103,16 +103,18 @@ def pressures_of(
             raise InputError(f"{path}: no such file; --pressure is a table, or `{BY_NAMES}`")
         signals, how = read_log(path, names, in_order=True)
         return _from_log(path, how, signals, frames, column, unit)
-    log = _log_of(names, others, beside, where)
-    if log is not None:
-        return _from_log(*log, frames, column, unit)
     recorded = _recorded(frames)
+    in_names = column is None and all(map(_IN_A_NAME.search, names))
+    log = _log_of(names, others, beside, where)
+    # a log of forces alone leaves the pressure to what else tells it
+    if log is not None and not (in_names and not _candidates([*log[2], *recorded], None)):
+        return _from_log(*log, frames, column, unit)
     if _candidates(recorded, column):
         signal = _chosen(recorded, column, where)
         values, known = _in_mpa(signal, unit, where)
         note = f"pressure from {signal.name!r} in the frames"
         return Pressures(values, known, _time(recorded), (), note)
-    if all(map(_IN_A_NAME.search, names)) and column is None:
+    if in_names:
         return _from_names(names, where)
     raise InputError(
         f"{where}: no pressure found in a log beside the frames, in the frames "
@@ -160,7 +162,7 @@ def _from_log(
     unit: str | None,
 ) -> Pressures:
     recorded = _recorded(frames)
-    if column is not None and not _candidates(signals, column) and _candidates(recorded, column):
+    if not _candidates(signals, column) and _candidates(recorded, column):
         signal = _chosen(recorded, column, str(path))
         notes = [f"pressure from {signal.name!r} in the frames"]
     else:
