@@ -1,4 +1,4 @@
-"""What every effect of the catalogue keeps: asked of the registry, so a new one is asked as well."""
+"""What every effect of the catalogue keeps: asked of the registry, so a new one is asked too."""
 
 from __future__ import annotations
 
