@@ -195,7 +195,7 @@ SEARCH = {
     "bounds without a name": (["--bounds", "100:200"], "not of the form NAME=LOW:HIGH"),
     "bounds given twice": (["--bounds", "E1=1:2,E2=1:2,E1=300:400"], "E1 is given twice"),
     "bounds of one number": (["--bounds", "E1=200"], "not of the form NAME=LOW:HIGH"),
-    "objective": (["--objective", "e_y"], "objective: 'e_y' is unknown; choose from e, e_w, e_z, likelihood"),
+    "objective": (["--objective", "e_y"], "choose from e, e_w, e_z, likelihood"),
     "material": (["--material", "steel", "--bounds", ""], "material: 'steel' is unknown"),
     "method": (["--method", "guess"], "method: 'guess' is unknown; choose from gauss-newton"),
     "free": (["--free", "colour"], "free: 'colour' is no parameter of orthotropic"),
