@@ -26,7 +26,7 @@ import bulgefit
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial.make import Recipe, make_test
 
-KINDS = ("none", "clamp_slip", "rigid_motion", "knee", "two", "soft_patch", "camera_bend")
+KINDS = ("none", "clamp_slip", "rigid_motion", "knee", "two", "soft_patch", "frame_bend")
 #: Spacing (mm) that gives some 2,000 points.
 RECIPE = Recipe(frames=20, spacing=3.85)
 WANTED_SECONDS = 60

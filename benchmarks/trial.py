@@ -2,9 +2,12 @@
 
     python benchmarks/trial.py [--number 200] [--seed 0] [--workers 2] [--folder FOLDER]
                                [--write docs/trial_results.md] [--score]
+    python benchmarks/trial.py --final --folder FOLDER --write docs/trial_results.md
 
-Three runs: whole catalogue; the true effect struck from it; sizes shrunk to find what is just
-detectable. The tests of a run depend on its seed and number alone.
+Four runs: all that tests may have; the true effects struck from the catalogue; sizes shrunk to
+find what is just detectable; creases and knees. The tests of a run depend on its seed and number
+alone. Seeds below 1000 are for calibration, while the program is worked on. `--final` runs the 300
+tests of a seed that is kept for the finished program, once, and reports them as they come.
 """
 
 from __future__ import annotations
@@ -22,20 +25,31 @@ from pathlib import Path
 from typing import Any
 
 import bulgefit
-from bulgefit.trial.draw import FORMS, KNOWN
-from bulgefit.trial.make import Recipe
+from bulgefit.gap.effects import CATALOGUE
+from bulgefit.trial.known import FORMS, KNOWN
+from bulgefit.trial.recording import Recipe
 from bulgefit.trial.run import run_trial, score_folder
-from bulgefit.trial.score import report
+from bulgefit.trial.table import report
 
-#: Sizes of the third run are divided by up to this.
-SHRINK = 30.0
+#: Sizes are divided by up to this: down to the noise, and, in the third run, below it.
+TO_NOISE, SHRINK = 10.0, 30.0
+#: Calibration takes seeds below this one, which the final test has to itself.
+FINAL_SEED, FINAL_NUMBER = 1000, 300
 
 
-def runs(number: int) -> dict[str, dict[str, Any]]:
-    """Options of each run; the second and third are smaller."""
+def runs(number: int, *, final: bool) -> dict[str, dict[str, Any]]:
+    """Options of each run; those after the first are smaller."""
+    whole = {"number": number, "recipe": Recipe(shrink=TO_NOISE)}
+    if final:
+        return {"The final test": whole}
     return {
-        "Whole catalogue": {"number": number},
-        "True effect struck": {"number": max(1, number // 4), "kinds": [*KNOWN], "strike": True},
+        "All that tests may have": whole,
+        "True effects struck": {
+            "number": max(1, number // 4),
+            "kinds": [*KNOWN],
+            "strike": True,
+            "options": {"effects": [*CATALOGUE]},
+        },
         f"Sizes shrunk by up to {SHRINK:g}": {
             "number": max(1, number // 4),
             "kinds": [*KNOWN],
@@ -72,9 +86,11 @@ def _count(meta: dict[str, Any]) -> str:
 
 def _line(test: dict[str, Any]) -> str:
     causes = " + ".join("/".join(cause) for cause in test["causes"])
+    size = test["signature_mm"]
+    worth = "" if size is None else f"({size:.3f} mm) "
     return (
-        f"- {test['file']}: {' + '.join(test['truth']) or 'none'} "
-        f"({test['signature_mm']:.3f} mm) answered {test['verdict']} {causes}".rstrip()
+        f"- {test['file']}: {' + '.join(test['truth']) or 'none'} {worth}"
+        f"answered {test['verdict']} {causes}".rstrip()
     )
 
 
@@ -82,7 +98,8 @@ def main() -> None:
     """Run, and write what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--number", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="below 1000")
+    parser.add_argument("--final", action="store_true", help="the one run of the final seed")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--folder", type=Path, help="keep tests, truths and answers here")
     parser.add_argument(
@@ -90,10 +107,19 @@ def main() -> None:
     )
     parser.add_argument("--write", type=Path, help="Markdown file for the tables")
     args = parser.parse_args()
+    if args.final:
+        args.seed, args.number = FINAL_SEED, FINAL_NUMBER
+        if args.folder is None:
+            parser.error("--final needs --folder: what it answers is kept")
+    chosen = runs(args.number, final=args.final)
+    if not args.final and not 0 <= args.seed <= FINAL_SEED - len(chosen):
+        parser.error(
+            f"--seed {args.seed}: give 0 to {FINAL_SEED - len(chosen)}, a seed for each run"
+        )
     if args.score:
         results = {
             title: score_folder(folder)
-            for place, title in enumerate(runs(args.number))
+            for place, title in enumerate(chosen)
             if any((folder := args.folder / f"run{place + 1}").glob("answers/*.json"))
         }
         if args.write:
@@ -103,7 +129,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
         results = {}
-        for place, (title, options) in enumerate(runs(args.number).items()):
+        for place, (title, options) in enumerate(chosen.items()):
             print(f"== {title}", file=sys.stderr, flush=True)
             results[title] = run_trial(
                 seed=args.seed + place,

@@ -76,7 +76,9 @@ def test_the_two_commands():
         assert f"readme_command {name}" in run
 
 
-@pytest.mark.parametrize("page", ["README.md", "data/README.md", "docs/house.md", "CHANGELOG.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "data/README.md", "docs/house.md", "docs/your_data.md", "CHANGELOG.md"]
+)
 def test_links_lead_somewhere(page):
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text):

@@ -1,12 +1,18 @@
-"""How does an output file appear whole or not at all? It is written beside, then renamed."""
+"""How does an output file appear whole or not at all? It is written beside, then renamed.
+
+And how is an input opened that may be no file at all, or hold more than memory does?
+"""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from bulgefit.errors import InputError
 
@@ -17,9 +23,18 @@ __all__ = [
     "check_apart",
     "check_folder",
     "check_output",
+    "checksum_of",
+    "drop_unfinished",
+    "memory_for",
+    "open_regular",
 ]
 
 Place = str | os.PathLike[str]
+
+#: Temporary files that are being written.
+_unfinished: set[Path] = set()
+
+_BINARY = getattr(os, "O_BINARY", 0)
 
 
 def check_output(path: Place, force: bool = False) -> Path:
@@ -94,6 +109,41 @@ def check_apart(outputs: Iterable[Place], inputs: Iterable[Place] = ()) -> None:
         taken.add(place)
 
 
+def open_regular(path: Place) -> BinaryIO:
+    """Open a regular file for reading; a pipe would wait for ever, and a device need not end.
+
+    Raises
+    ------
+    InputError
+        The path is a folder, a pipe, a socket or a device.
+    OSError
+        The system does not open it.
+    """
+    # without O_NONBLOCK opening a pipe already waits for somebody to write to it
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise InputError(f"{path}: cannot be read (it is no regular file); name a file")
+    return open(descriptor, "rb")
+
+
+def checksum_of(file: BinaryIO) -> str:
+    """SHA-256 of all bytes of an open file, wherever it stands."""
+    file.seek(0)
+    digest = hashlib.sha256()
+    while chunk := file.read(1 << 20):
+        digest.update(chunk)
+    return digest.hexdigest()
+
+
+def memory_for(file: BinaryIO) -> int:
+    """Bytes that the arrays of an open file may take: four times the file, and 100 MB.
+
+    Arrays that say they are larger come from a file that was compressed or left out to harm.
+    """
+    return 4 * os.fstat(file.fileno()).st_size + 100_000_000
+
+
 def _target(path: Place, force: bool) -> Path:
     target = Path(os.path.realpath(path))
     if os.path.isdir(target):  # unlike Path's own, not stopped by a name that is too long
@@ -135,6 +185,7 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
     """
     target = _target(path, force)
     temporary = _temporary(target)
+    _unfinished.add(temporary)
     try:
         with _written(path):
             _make(temporary)
@@ -142,8 +193,19 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
             _to_disk(temporary)
             os.replace(temporary, target)
     finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        _remove(temporary)
+
+
+def drop_unfinished() -> None:
+    """Remove what is being written, in the midst of it: for a process that is about to end."""
+    for temporary in [*_unfinished]:
+        _remove(temporary)
+
+
+def _remove(temporary: Path) -> None:
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
+    _unfinished.discard(temporary)
 
 
 def atomic_write_bytes(path: Place, data: bytes, force: bool = False) -> None:

@@ -203,3 +203,21 @@ def test_progress(capsys):
     _common.progress(argparse.Namespace(quiet=True), "silent")
     output = capsys.readouterr()
     assert (output.out, output.err) == ("", "at work\n")
+
+
+def test_deliver_in_the_midst_of_an_interrupt(tmp_path, capsys):
+    """The result is given; pictures, which take seconds, are not drawn."""
+    drawn = []
+    args = parsed("--json", str(tmp_path / "r.json"))
+
+    def run():
+        try:
+            raise KeyboardInterrupt
+        finally:
+            _common.deliver(args, {"a": 1}, "table", lambda: drawn.append(1))
+
+    with pytest.raises(KeyboardInterrupt):
+        run()
+    assert json.loads((tmp_path / "r.json").read_text()) == {"a": 1}
+    assert capsys.readouterr().out == "table\n"
+    assert drawn == []

@@ -184,7 +184,9 @@ def test_a_held_out_test_that_is_too_small_is_refused_at_once(folder, capsys, mo
 
 
 def test_unknown_law(folder, capsys):
-    refused(capsys, "law: 'hook' is unknown; choose from hencky, svk", "good.npz", "--law", "hook")
+    refused(
+        capsys, "law: 'hook' is unknown; choose from hencky, svk, yarn", "good.npz", "--law", "hook"
+    )
 
 
 def test_no_test(capsys):

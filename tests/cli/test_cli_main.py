@@ -5,14 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
+import signal
 import subprocess
 import sys
 import types
 
+import numba
+import numpy
 import pytest
+import scipy
 
 import bulgefit
 from bulgefit.cli import main as cli
+from bulgefit.cli.stopping import Told
 from bulgefit.errors import InputError, SolveError
 
 HEAVY = ("numpy", "scipy", "numba", "pyvista", "matplotlib", "h5py")
@@ -70,7 +76,15 @@ def test_help_of_simulate_teaches(capsys):
 
 def test_version(capsys):
     assert cli.main(["--version"]) == 0
-    assert capsys.readouterr().out == f"bulgefit {bulgefit.__version__}\n"
+    lines = dict(line.split(" ", 1) for line in capsys.readouterr().out.splitlines())
+    assert lines == {
+        "bulgefit": bulgefit.__version__,
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "platform": platform.platform(),
+    }
 
 
 def test_python_m_bulgefit():
@@ -137,6 +151,7 @@ def test_options_are_exact_and_values_may_be_negative(verb, capsys):
         (PermissionError(13, "Permission denied", "a"), 2, "error: a: Permission denied"),
         (MemoryError(), 2, "error: not enough memory"),
         (KeyboardInterrupt(), 130, "interrupted"),
+        (Told(signal.SIGTERM), 143, "terminated"),
     ],
 )  # fmt: skip
 def test_failures_are_one_line(verb, capsys, error, status, line):
@@ -223,6 +238,17 @@ def test_file_names_of_another_encoding(tmp_path):
     done = subprocess.run(words, capture_output=True, check=False)
     assert done.returncode == 2
     assert rb"caf\udce9: does not say its thickness" in done.stderr
+
+
+def test_a_notebook_s_backend_does_not_stop_figures(tmp_path):
+    frames = few_points(tmp_path / "frames")
+    words = f"{frames} --radius 100 --thickness 1 --refine 1 --starts 1 --material isotropic"
+    done = bulgefit_in_shell(
+        f"fit {words} --bounds E=10:10000 --plots {tmp_path / 'figures'}",
+        MPLBACKEND="notebook-of-another-environment",
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(list((tmp_path / "figures").iterdir())) == 2
 
 
 @pytest.mark.parametrize(("closed", "shown"), [(">&-", 0), ("2>&-", 1), (">&- 2>&-", 0)])

@@ -180,7 +180,7 @@ def test_limit_pressure(capsys):
 
 
 BAD = {
-    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
+    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk, yarn"),
     "inadmissible": (["--E1", "5", "--nu12", "0.9"], "E1/E2 must exceed nu12²"),
     "shear": (["--G12", "-5"], "G12 must be positive, got -5 MPa"),
     "mixture": (["--E", "5"], "--E1 and --E do not go together"),

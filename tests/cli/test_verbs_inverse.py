@@ -234,7 +234,7 @@ COMPARISON = {
     "max pressure nan": (["--max-pressure", "nan"], "--max-pressure nan: give a pressure above 0"),
     "max pressure below": (["--max-pressure", "-1"], "--max-pressure -1: give a pressure above 0"),
     "max pressure": (["--max-pressure", "0.01"], "--max-pressure 0.01: every frame of good"),
-    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk"),
+    "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk, yarn"),
     "mesh": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),
     "mesh of another radius": (["--mesh", "mesh.npz"], "its rim lies 50 to 50 mm from the centre"),
     "mesh elsewhere": (["--mesh", "beside.npz"], "its rim lies 23.7393 to 99.1788 mm from the"),

@@ -70,10 +70,24 @@ def test_columns_that_make_no_sense(csv_folder, tmp_path, text):
 def test_convert_refuses_before_it_reads(tmp_path, file):
     with pytest.raises(InputError, match="exists; use --force"):
         run(convert, tmp_path / "missing.npz", file)
-    run(convert, file, file, "--force", "--rotate", 180)
+    run(convert, file, tmp_path / "o.npz")
+    run(convert, file, tmp_path / "o.npz", "--force", "--rotate", 180)
     for option, value in (("--crop", "-1"), ("--crop", "nan"), ("--rotate", "nan")):
         with pytest.raises(InputError, match=option):
-            run(convert, file, tmp_path / "o.npz", f"{option}={value}")
+            run(convert, file, tmp_path / "p.npz", f"{option}={value}")
+
+
+def test_convert_never_replaces_its_input(file, csv_folder, tmp_path):
+    before = file.read_bytes()
+    link = tmp_path / "link.npz"
+    link.symlink_to(file)
+    folder = csv_folder()
+    (folder / "old.npz").write_bytes(before)
+    for source, target in ((file, file), (file, link), (link, file), (folder, folder / "old.npz")):
+        with pytest.raises(InputError, match="would replace what is read as input"):
+            run(convert, source, target, "--force", "--rotate", 90)
+    assert file.read_bytes() == before
+    run(convert, folder, folder / "new.npz")
 
 
 def test_info_table(file, capsys):

@@ -76,7 +76,7 @@ def test_format_is_named_where_the_suffix_says_nothing(made_test, tmp_path, same
     with pytest.raises(InputError, match=r"not a file of a known format.*csv.*hdf5.*npz.*study"):
         read_test(tmp_path / "out.dat")
     same(made_test, read_test(tmp_path / "out.dat", format="npz"))
-    with pytest.raises(InputError, match=r"unknown format 'xls'; known are csv"):
+    with pytest.raises(InputError, match=r"unknown format 'xls'; known are .*csv"):
         read_test(tmp_path / "out.dat", format="xls")
     with pytest.raises(InputError, match="npz has no option 'columns'"):
         read_test(tmp_path / "out.dat", format="npz", columns={"x": "X"})
@@ -227,8 +227,8 @@ def test_hdf5_without_units_is_in_mm_and_mpa(made, tmp_path):
 def test_hdf5_with_an_unknown_unit_or_kind(made_test, tmp_path):
     write_test(made_test, tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
-        file["pressure"].attrs["unit"] = "psi"
-    with pytest.raises(InputError, match="pressure has the unit 'psi'; known are MPa"):
+        file["pressure"].attrs["unit"] = "torr"
+    with pytest.raises(InputError, match="pressure has the unit 'torr'; known are MPa"):
         read_test(tmp_path / "t.h5")
     with h5py.File(tmp_path / "t.h5", "a") as file:
         del file["pressure"]
@@ -541,7 +541,7 @@ def test_csv_without_specimen(csv_folder):
     [
         ("pressure.csv", "", "pressure.csv: is empty"),
         ("pressure.csv", "file,p\na,1\n", "needs the columns file and pressure_bar"),
-        ("pressure.csv", "file,pressure_psi\nframe_0.csv,1\n", "unit 'psi'"),
+        ("pressure.csv", "file,pressure_torr\nframe_0.csv,1\n", "unit 'torr'"),
         ("pressure.csv", "file,pressure_bar\nlost.csv,1\n", "names lost.csv, which is not in"),
         ("pressure.csv", "file,pressure_bar\n../a.csv,1\n", "not the name of a file"),
         ("pressure.csv", "file,pressure_bar\nframe_0.csv,1\n", "frame_1.csv has no pressure"),
@@ -565,7 +565,11 @@ def test_csv_without_specimen(csv_folder):
             "file,pressure_bar\nframe_0.csv,0,5\n",
             "pressure.csv: line 2 has 3 cells, the header 2",
         ),
-        ("frame_3.csv", "x,y,z,dx,dy,dz,dx\n1,2,3,4,5,6,7\n", "has 2 columns 'dx'; give each"),
+        (
+            "frame_3.csv",
+            "x,y,z,dx,dy,dz,dx\n1,2,3,4,5,6,7\n",
+            "has 2 columns 'dx' that differ; give each",
+        ),
         (
             "frame_3.csv",
             'x,y,z,dx,dy,dz,note\n1,2,3,4,5,6,7\n1,2,3,4,5,6,"a\n' + "1,2,3,4,5,6,7\n" * 9,
@@ -574,7 +578,7 @@ def test_csv_without_specimen(csv_folder):
         (
             "frame_3.csv",
             "x,y,z,dx,dy,dz\n1,2,3,4,5,6\n1,2,3,4,5," + "7" * 200_000 + "\n",
-            "line 3 begins no row of cells",
+            "displacement of point 1 in frame 3 is infinite",
         ),
         (
             "frame_3.csv",
@@ -612,14 +616,14 @@ def test_bad_csv_folders(csv_folder, file, content, match):
 
 @pytest.mark.parametrize("name", ["frame_3.csv", "pressure.csv", "test.json"])
 def test_csv_file_that_cannot_be_read_is_named(csv_folder, monkeypatch, name):
-    def read_text(path, **options):
+    def read_bytes(path):
         if path.name == name:
             raise PermissionError(13, "Permission denied")
-        return whole(path, **options)
+        return whole(path)
 
-    whole = Path.read_text
+    whole = Path.read_bytes
     folder = csv_folder()
-    monkeypatch.setattr(Path, "read_text", read_text)
+    monkeypatch.setattr(Path, "read_bytes", read_bytes)
     with pytest.raises(InputError, match=f"{name}: cannot be read \\(Permission denied\\)"):
         read_test(folder)
 
@@ -634,7 +638,7 @@ def test_csv_frame_with_a_header_only_is_a_frame_without_points(csv_folder):
 
 def test_folder_that_is_no_test(tmp_path):
     (tmp_path / "notes.txt").touch()
-    with pytest.raises(InputError, match=r"it has no pressure.csv; found notes.txt"):
+    with pytest.raises(InputError, match=r"and it has no pressure.csv; found notes.txt"):
         read_test(tmp_path)
     with pytest.raises(InputError, match="not a folder"):
         read_test(tmp_path / "notes.txt", format="csv")
@@ -666,7 +670,7 @@ def test_damaged_headers_of_arrays(tmp_path, shape):
     with zipfile.ZipFile(tmp_path / "t.npz", "w") as archive:
         for key in ("reference", "displacement", "pressure"):
             archive.writestr(f"{key}.npy", array.replace(b"|O", b"<f8"))
-    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged)"):
+    with pytest.raises(InputError, match=r"t.npz: (cannot be read as npz|damaged|reference has)"):
         read_test(tmp_path / "t.npz")
     (tmp_path / "t.npy").write_bytes(array)
     with pytest.raises(InputError, match=r"t.npy: not a bulge test"):

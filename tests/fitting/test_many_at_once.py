@@ -23,8 +23,10 @@ from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.result import FitResult
 from bulgefit.model.setup import Setup
-from bulgefit.parallel.spread import sent_once, spread
-from bulgefit.parallel.workers import Processes, open_executor
+from bulgefit.parallel.parcels import sent_once
+from bulgefit.parallel.processes import Processes
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.workers import open_executor
 
 Maker = Callable[..., BulgeTest]
 BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}

@@ -16,11 +16,10 @@ from bulgefit.gap.doubt import (
     hardly_flattened,
     leaves_a_trace,
 )
-from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
+from bulgefit.gap.effects import CATALOGUE, FIELD, FLATTENING, MODULI
 from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import structure
-from bulgefit.model.camera import FLATTENING
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 

@@ -18,7 +18,7 @@ from bulgefit.dic.writers import write_test
 from bulgefit.fem.mesh import disc
 from bulgefit.model.observation import operators
 from bulgefit.model.simulation import simulate
-from bulgefit.parallel import workers
+from bulgefit.parallel import cluster as dask
 from bulgefit.trial import run as trial
 from bulgefit.trial.make import Recipe, make_test
 
@@ -129,7 +129,7 @@ def test_nobody_or_somebody_else_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "PATIENCE", 0.3)
+    monkeypatch.setattr(dask, "PATIENCE", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         if speaks is None:
@@ -152,7 +152,7 @@ def test_a_scheduler_without_workers(
     tests_made: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(workers, "PATIENCE", 0.5)
+    monkeypatch.setattr(dask, "PATIENCE", 0.5)
     with distributed.LocalCluster(n_workers=0, dashboard_address=":0", protocol="tcp") as empty:
         said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", empty.scheduler_address)
     assert "it has no workers; start some with `dask worker tcp://" in said
@@ -164,7 +164,7 @@ def test_workers_with_other_versions(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(workers, "version", lambda name: "0.0")
+    monkeypatch.setattr(dask, "version", lambda name: "0.0")
     said = refused(capsys, "fit", *tests_made, *SMALL, "--scheduler", cluster)
     assert "(here 0.0)" in said
     assert "install there what is installed here" in said

@@ -18,9 +18,11 @@ from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import diagnose
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial import run as trial
-from bulgefit.trial.draw import FOREIGN, KNOWN
+from bulgefit.trial.foreign import FOREIGN
+from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe
-from bulgefit.trial.run import plan, run_trial, score_folder
+from bulgefit.trial.plan import SHARES, interpolated, plan
+from bulgefit.trial.run import run_trial, score_folder
 
 SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
 #: Just enough for a diagnosis to judge.
@@ -39,8 +41,9 @@ class Answer:
 
 def silent(tests, **options):
     """A diagnosis that finds nothing, and tells what it was given."""
-    (test,) = tests
-    given = {"name": test.name, "source": test.source, "process": os.getpid(), **options}
+    test = tests[0]
+    names = [t.name for t in tests]
+    given = {"names": names, "source": test.source, "process": os.getpid(), **options}
     return Answer(verdict="none", causes=[], given=given)
 
 
@@ -87,10 +90,14 @@ def test_plan_covers_all_and_repeats():
     chosen = plan(200, 1)
     assert chosen == plan(200, 1) != plan(200, 2)
     assert len(chosen) == 200
-    assert chosen.count("none") == 40
-    assert chosen.count("two") == 20
-    assert all(chosen.count(effect) >= 5 for effect in KNOWN)
-    assert all(chosen.count(effect) == 8 for effect in FOREIGN)
+    for kind in ("none", "two", "three", "four", "five", "six", "beside", "family"):
+        assert chosen.count(kind) == round(200 * SHARES[kind])
+    assert all(chosen.count(effect) >= 2 for effect in (*KNOWN, *FOREIGN))
+    strangers = sum(kind in (*FOREIGN, "beside") for kind in chosen)
+    assert strangers == pytest.approx(200 / 3, abs=4)
+    assert sum(SHARES.values()) == pytest.approx(1.0)
+    assert len(interpolated(200, 1)) == 10
+    assert interpolated(200, 1) != interpolated(200, 2)
     assert sorted(plan(4, 0, ["none", "clamp_slip"])) == ["clamp_slip"] * 2 + ["none"] * 2
     for number in range(1, 12):
         assert len(plan(number, 0)) == number
@@ -121,6 +128,18 @@ def test_a_changed_truth_is_found_out(tmp_path):
 
     with pytest.raises(InputError, match="seal is broken"):
         small(tmp_path, diagnose=cheat)
+
+
+def test_a_family_is_diagnosed_together(tmp_path):
+    result = small(tmp_path, 1, kinds=["family"])
+    folder = tmp_path / "trial"
+    names = ["test_0000_1", "test_0000_2", "test_0000_3"]
+    assert sorted(path.stem for path in (folder / "tests").iterdir()) == names
+    answer = json.loads((folder / "answers" / "test_0000.json").read_text())
+    assert answer["given"]["names"] == names
+    assert result["scores"]["families"]["of"] == 1
+    assert result["tests"][0]["file"] == "test_0000"
+    assert score_folder(folder)["scores"] == result["scores"]
 
 
 def test_strike_takes_out_the_true_effect_alone(tmp_path):
@@ -221,6 +240,11 @@ DAMAGE = {
     "odd causes": (
         "answers/test_0000.json",
         b'{"verdict": "named", "seconds": 1, "causes": [1]}',
+        "AttributeError",
+    ),
+    "odd probability": (
+        "answers/test_0000.json",
+        b'{"verdict": "named", "seconds": 1, "causes": [{"effect": "creep", "probability": "1"}]}',
         "TypeError",
     ),
 }

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from bulgefit.trial.score import is_right, report, score, wilson
+from bulgefit.trial.places import judge_place
+from bulgefit.trial.reliability import reliability
+from bulgefit.trial.right import is_right
+from bulgefit.trial.score import judge, score
+from bulgefit.trial.shares import share
+from bulgefit.trial.table import report
+
+
+def cause(effect, *alternatives, **more):
+    return {"effect": effect, "alternatives": list(alternatives), **more}
 
 
 def record(effects, verdict, *causes, struck=(), kind=None, **more):
     """A record; a cause is a tuple of effect ids, the rest of it alternatives."""
-    kinds = ("none", "one", "two")
+    kinds = ("none", "one", "two", "several", "several")
     return {
         "file": "t.npz",
         "truth": {
@@ -22,14 +31,26 @@ def record(effects, verdict, *causes, struck=(), kind=None, **more):
         },
         "answer": {
             "verdict": verdict,
-            "causes": [{"effect": c[0], "alternatives": list(c[1:])} for c in causes],
+            "causes": [c if isinstance(c, dict) else cause(*c) for c in causes],
             **more,
         },
         "struck": list(struck),
     }
 
 
-SLIP, PRE = ("clamp_slip",), ("prestrain",)
+SLIP, PRE, TILT = ("clamp_slip",), ("prestrain",), ("rigid_motion",)
+
+
+def foreign(others, verdict, *causes, place="material", where=None, **more):
+    """A record with a soft patch, and others beside it."""
+    made = record(("soft_patch", *others), verdict, *causes, kind="foreign", **more)
+    made["truth"]["places"] = {"soft_patch": place}
+    made["truth"]["where"] = {"soft_patch": where}
+    return made
+
+
+def sure(effect, probability, **more):
+    return cause(effect, probability=probability, **more)
 
 
 @pytest.mark.parametrize(
@@ -64,18 +85,208 @@ SLIP, PRE = ("clamp_slip",), ("prestrain",)
         (record(("dic_scale",), "named", ("clamp_shape",), struck=("dic_scale",)), True),
         (record(("rigid_motion",), "named", ("reference_state",)), False),
         (record(SLIP, "failed", error="broke"), False),
+        # three causes and more
+        (record(SLIP + PRE + TILT, "named", SLIP, PRE, TILT), True),
+        (record(SLIP + PRE + TILT, "named", SLIP, PRE), False),
+        (record(SLIP + PRE + TILT, "ambiguous", TILT, SLIP + PRE, ("dic_scale", *SLIP)), True),
+        # a probability below 0.95 is no name, and does no harm
+        (record(SLIP, "named", sure("clamp_slip", 0.99), sure("prestrain", 0.9)), True),
+        (record(SLIP, "named", sure("clamp_slip", 0.94)), False),
+        (record(SLIP, "named", sure("clamp_slip", 0.95), sure("prestrain", 0.96)), False),
+        (record(SLIP, "partial", SLIP), False),
+        # specimens have causes of their own
+        (record(PRE, "named", sure("prestrain", 1.0), sure("prestrain", 1.0)), True),
+        # a foreign effect, alone and beside others
+        (foreign((), "unknown"), True),
+        (foreign((), "partial"), True),
+        (foreign((), "none"), False),
+        (foreign((), "partial", PRE), False),
+        (foreign(PRE, "partial", PRE), True),
+        (foreign(PRE, "named", PRE), False),
+        (foreign(PRE, "unknown", PRE), False),
+        (foreign(PRE, "partial", PRE, SLIP), False),
+        (foreign(PRE, "partial", PRE, sure("stiffness_gradient", 1.0, place="material")), True),
+        (foreign(PRE, "partial", PRE, sure("clamp_slip", 1.0, place="clamp")), False),
     ],
 )
 def test_what_is_right(case, right):
     assert is_right(case) is right
 
 
-def test_wilson_interval():
+def test_intervals_are_wilsons():
     # Newcombe (1998), table I: 81 of 263, 15 of 148, 0 of 20
-    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
-    assert wilson(15, 148) == pytest.approx((0.0624, 0.1605), abs=1e-4)
-    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
-    assert wilson(0, 0) == (0.0, 1.0)
+    for hits, of, interval in (
+        (81, 263, (0.2553, 0.3662)),
+        (15, 148, (0.0624, 0.1605)),
+        (0, 20, (0.0, 0.1611)),
+    ):
+        told = share([True] * hits + [False] * (of - hits))
+        assert (told["hits"], told["of"]) == (hits, of)
+        assert told["wilson"] == pytest.approx(interval, abs=1e-4)
+    assert share([])["wilson"] == [0.0, 1.0]
+    assert share([])["share"] is None
+
+
+def test_causes_are_counted_one_by_one():
+    records = [
+        record(SLIP + PRE + TILT, "named", SLIP, PRE, ("dic_scale",)),
+        record(SLIP, "ambiguous", ("clamp_slip", "prestrain")),
+        record(("pressure_gain",), "none"),
+        foreign(PRE, "partial", PRE, sure("stiffness_gradient", 1.0, place="material")),
+        record((), "named", SLIP),
+    ]
+    causes = score(records)["causes"]
+    assert (causes["found"]["hits"], causes["found"]["of"]) == (4, 5)
+    assert (causes["false"]["hits"], causes["false"]["of"]) == (2, 7)
+    assert causes["standing_in"] == 1
+    assert causes["by_effect"]["rigid_motion"]["hits"] == 0
+    assert causes["by_effect"]["clamp_slip"]["hits"] == 2
+    assert "pressure_gain" not in causes["by_effect"]
+
+
+def test_causes_are_told_by_their_size():
+    """Noise of 6, 6 and 14.5 µm is 16.8 µm together."""
+    found = record(SLIP + PRE, "named", SLIP)
+    found["truth"]["noise_mm"] = [0.006, 0.006 * (35 / 6) ** 0.5]
+    found["truth"]["signatures"] = {
+        "clamp_slip": {"signature_left_mm": 0.1},
+        "prestrain": {"signature_left_mm": 0.01},
+    }
+    bands = score([found])["causes"]["by_size"]
+    assert [(b["from"], b["to"], b["hits"], b["of"]) for b in bands] == [
+        (0.3, 1.0, 0, 1),
+        (3.0, 10.0, 1, 1),
+    ]
+
+
+def field(place, probability=0.99, share_of_gap=0.5, **where):
+    return {
+        "place": place,
+        "probability": probability,
+        "share_of_gap": share_of_gap,
+        "where": where,
+    }
+
+
+POINT = {"x_mm": 10.0, "y_mm": -20.0}
+LINE = {"normal_degree": 90.0, "distance_mm": -20.0}
+SECTOR = {"angle_degree": 350.0, "half_width_degree": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("where", "fields", "judged"),
+    [
+        (None, [field("material")], {"place": True}),
+        (None, [field("clamp")], {"place": False}),
+        (None, [], {"place": False}),
+        (None, [field("material", 0.9)], {"place": False}),
+        # the one that explains most leads
+        (None, [field("clamp", 0.99, 0.1), field("material", 0.99, 0.4)], {"place": True}),
+        (None, [field("clamp", 0.99, 0.5), field("material", 0.99, 0.4)], {"place": False}),
+        (None, [{**field("camera"), "alternatives": ["material"]}], {"place": True}),
+        (None, [{**field("camera"), "alternatives": ["material", "load"]}], {"place": False}),
+        (POINT, [field("material", x_mm=14.0, y_mm=-14.0)], {"place": True, "spot": True}),
+        (POINT, [field("material", x_mm=16.0, y_mm=-14.0)], {"place": True, "spot": False}),
+        (POINT, [field("clamp", x_mm=10.0, y_mm=-20.0)], {"place": False, "spot": False}),
+        (POINT, [field("material")], {"place": True, "spot": False}),
+        (LINE, [field("material", x_mm=70.0, y_mm=-27.0)], {"place": True, "spot": True}),
+        (LINE, [field("material", x_mm=0.0, y_mm=-29.0)], {"place": True, "spot": False}),
+        (SECTOR, [field("material", angle_degree=15.0)], {"place": True, "spot": True}),
+        (SECTOR, [field("material", angle_degree=-45.0)], {"place": True, "spot": False}),
+        (SECTOR, [field("material", x_mm=50.0, y_mm=10.0)], {"place": True, "spot": True}),
+        (SECTOR, [field("material", x_mm=-50.0, y_mm=8.0)], {"place": True, "spot": False}),
+    ],
+)
+def test_where_a_foreign_effect_is_looked_for(where, fields, judged):
+    made = foreign(PRE, "partial", PRE, where=where, fields=fields)
+    assert judge_place(made) == judged
+    assert judge(made)["place_right"] == judged
+    scores = score([made])
+    assert scores["places"]["hits"] == judged["place"]
+    assert scores["spots"]["of"] == ("spot" in judged)
+
+
+def test_answers_without_fields_are_not_judged_by_them():
+    made = foreign((), "unknown")
+    assert judge_place(made) is None
+    assert score([made])["places"]["of"] == 0
+    assert judge_place(record(SLIP, "named", SLIP, fields=[])) is None
+
+
+def test_fields_of_what_is_innocent_are_false():
+    records = [
+        record(SLIP, "partial", SLIP, fields=[field("material")]),
+        record(SLIP, "named", SLIP, fields=[field("material", 0.5)]),
+        record((), "none"),
+    ]
+    scores = score(records)
+    assert (scores["false_fields"]["hits"], scores["false_fields"]["of"]) == (1, 3)
+
+
+def test_stated_probabilities_meet_true_shares():
+    stated = [(0.97, True)] * 9 + [(0.97, False)] + [(0.3, True), (0.4, False), (1.0, True)]
+    told = reliability(stated)
+    spans = [(b["from"], b["to"], b["of"], b["hits"]) for b in told["bins"]]
+    assert spans == [(0.25, 0.5, 2, 1), (0.95, 0.99, 10, 9), (0.99, 1.0, 1, 1)]
+    assert [b["stated"] for b in told["bins"]] == pytest.approx([0.35, 0.97, 1.0])
+    assert told["error"] == pytest.approx((2 * 0.15 + 10 * 0.07) / 13)
+    assert reliability([]) == {"bins": [], "error": None}
+
+
+def test_reliability_of_causes_and_fields():
+    records = [
+        record(SLIP, "named", sure("clamp_slip", 0.99), sure("prestrain", 0.2)),
+        foreign((), "partial", fields=[field("material", 0.8), field("clamp", 0.1)]),
+        record(SLIP, "named", SLIP),
+    ]
+    scores = score(records)["reliability"]
+    assert [(b["hits"], b["of"]) for b in scores["causes"]["bins"]] == [(0, 1), (1, 1)]
+    assert [(b["hits"], b["of"]) for b in scores["fields"]["bins"]] == [(0, 1), (1, 1)]
+    assert "stated probability" in report(score(records))
+
+
+def clothed(warp, fill, stderr):
+    made = record(PRE, "named", PRE, kind="family")
+    strain = [0.01, 0.02, 0.03, 0.05]
+    made["truth"]["law"] = {
+        "strain": strain,
+        "warp_N_per_mm": [100 * e for e in strain],
+        "fill_N_per_mm": [50 * e for e in strain],
+    }
+    wide = [0.0, *strain, 0.06]
+    made["answer"]["law"] = {
+        "strain": wide,
+        "warp_N_per_mm": [warp * e for e in wide],
+        "fill_N_per_mm": [fill * e for e in wide],
+        "stderr": stderr,
+    }
+    return made
+
+
+TIGHT, LOOSE = [0.001 * n for n in range(6)], [0.1 * n for n in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("warp", "fill", "stderr", "met"),
+    [
+        (101.0, 49.5, LOOSE, True),
+        (103.0, 49.5, LOOSE, False),
+        (101.0, 48.5, LOOSE, False),
+        (101.0, 49.5, {"warp_N_per_mm": LOOSE, "fill_N_per_mm": LOOSE}, True),
+        (101.0, 50.0, {"warp_N_per_mm": TIGHT, "fill_N_per_mm": LOOSE}, False),
+    ],
+)
+def test_a_law_is_met_within_its_errors_and_two_percent(warp, fill, stderr, met):
+    scores = score([clothed(warp, fill, stderr)])
+    assert scores["laws"]["hits"] == met
+    assert scores["families"]["hits"] == 1
+
+
+def test_a_law_that_ends_too_soon_is_not_met():
+    made = clothed(100.0, 50.0, LOOSE)
+    for key in ("strain", "warp_N_per_mm", "fill_N_per_mm", "stderr"):
+        made["answer"]["law"][key] = made["answer"]["law"][key][:4]
+    assert score([made])["laws"]["hits"] == 0
 
 
 def full(value, stderr, modulus, after):
@@ -127,7 +338,7 @@ def test_figures_and_table():
         record((), "named", SLIP),
         record(SLIP, "named", SLIP),
         record(SLIP, "none"),
-        record(("lobed_rim",), "unknown", kind="foreign"),
+        record(("camera_drift",), "unknown", kind="foreign"),
         record(SLIP, "unknown", struck=SLIP),
         record(("creep",), "unknown", ("creep",)),
         record(PRE, "failed", error="broke"),

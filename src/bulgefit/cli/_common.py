@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_json_arguments",
     "add_material_arguments",
+    "add_mesh_error_argument",
     "add_scheduler_argument",
     "add_solver_arguments",
     "add_workers_argument",
@@ -114,8 +115,19 @@ def add_law_argument(group: argparse._ArgumentGroup) -> None:
         "--law",
         default="hencky",
         metavar="LAW",
-        help="stress linear in the logarithmic strain (hencky) or in the Green-Lagrange strain "
-        "(svk) (default: hencky)",
+        help="stress linear in the logarithmic strain (hencky), in the Green-Lagrange strain (svk) "
+        "or in the strains of the yarns and their angle (yarn), or the law of another package by "
+        "its name (default: hencky)",
+    )
+
+
+def add_mesh_error_argument(group: argparse._ActionsContainer) -> None:
+    """Add --keep-mesh-error."""
+    group.add_argument(
+        "--keep-mesh-error",
+        action="store_true",
+        help="do not take the error of bulgefit's own mesh off (default: it is estimated from a "
+        "finer mesh and taken off; that of a --mesh stays)",
     )
 
 
@@ -263,8 +275,11 @@ def deliver(
     text : str
         The result to read, printed unless --json - asks for the payload there.
     works : callables
-        They write further files. Printing comes last, since a pipe that is closed ends all.
+        They write further files. Printing comes last, since a pipe that is closed ends all. Whoever
+        was told to end while more was computed has no time left for them.
     """
+    if isinstance(sys.exc_info()[1], KeyboardInterrupt):
+        works = ()
     with ExitStack() as rest:  # what is put first is done last
         if prints_json(args):
             rest.callback(write_json, payload, "-")

@@ -72,17 +72,12 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         "left in (give its mesh with --mesh)",
     )
     group.add_argument(
-        "--keep-mesh-error",
-        action="store_true",
-        help="do not take the mesh's error off (default: it is estimated from a finer mesh and "
-        "taken off)",
-    )
-    group.add_argument(
         "--max-pressure",
         type=float,
         metavar="BAR",
         help="leave frames above this pressure (bar) out (default: all frames)",
     )
+    _common.add_mesh_error_argument(group)
 
 
 def add_search_arguments(parser: argparse.ArgumentParser) -> None:

@@ -77,7 +77,8 @@ def _table(info: TestInfo) -> str:
         rows.append(("duration", f"{info.duration_s:.4g} s"))
     lines = [f"{key:<15} {value}" for key, value in rows]
     lines.append("looks wrong:" if info.warnings else "nothing looks wrong")
-    lines += [f"  - {warning}" for warning in info.warnings]
+    for warning in info.warnings:
+        lines += [f"  - {warning.text} [{warning.code}]", f"    {warning.remedy}"]
     return "\n".join(lines)
 
 

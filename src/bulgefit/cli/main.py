@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import re
-import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
+from bulgefit.cli.stopping import Told, leave, listen
 from bulgefit.cli.streams import drop, prepare, say
 from bulgefit.errors import BulgefitError
 
@@ -19,6 +22,7 @@ __all__ = ["VERBS", "main"]
 #: line stands here so that --help need not import the modules.
 VERBS = {
     "simulate": ("bulgefit.cli.simulate", "inflate a membrane of known material"),
+    "formats": ("bulgefit.cli.formats", "list the files that are read, with a line of each"),
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
@@ -28,7 +32,7 @@ VERBS = {
     "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
 }
 
-BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 2, 130, 141
+BAD_INPUT, BROKEN_PIPE = 2, 141
 
 _DESCRIPTION = """\
 bulgefit finds material parameters of fabrics and membranes from bulge inflation tests filmed by
@@ -45,15 +49,17 @@ examples:
   bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3
 
 `bulgefit VERB --help` tells what a verb takes. Exit status: 0 done, 2 bad input or no solution
-(one line on stderr says which), 130 interrupted."""
+(one line on stderr says which), 130 interrupted, 143 terminated."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
-    if argv is None:  # the program itself: when it is told to end, its workers end with it
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
     words = list(sys.argv[1:] if argv is None else argv)
     prepare()
+    if argv is None:  # the program itself, whose signals and environment are its own
+        listen(_name(words))
+        # a notebook's names a module that may not be here; figures are drawn without any
+        os.environ.pop("MPLBACKEND", None)
     try:
         try:
             status = _dispatch(words)
@@ -61,9 +67,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         sys.stdout.flush()
         return status
-    except KeyboardInterrupt:
-        say(f"{_name(words)}: interrupted\n")
-        return INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        told = interrupt if isinstance(interrupt, Told) else Told()
+        if argv is None:
+            with suppress(OSError, ValueError):
+                sys.stdout.flush()
+            leave(_name(words), told)
+        say(f"{_name(words)}: {told.word}\n")
+        return told.status
     except BrokenPipeError:  # whoever read our output has left; say nothing
         drop(sys.stdout)
         return BROKEN_PIPE
@@ -91,9 +102,12 @@ def _dispatch(words: list[str]) -> int:
         top.error(f"unknown verb {verb!r}; choose from {', '.join(VERBS)}")
     module = importlib.import_module(VERBS[verb][0])
     parser = _verb_parser(verb, module)
-    args = parser.parse_args(words[at + 1 :])
+    args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
-    return int(module.run(args))
+    check_config(args)
+    status = int(module.run(args))
+    save_config(parser, args)
+    return status
 
 
 class _Parser(argparse.ArgumentParser):
@@ -122,7 +136,12 @@ def _top_parser() -> argparse.ArgumentParser:
         description=_DESCRIPTION,
         epilog=_EPILOG.format(verbs=table),
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
+    parser.add_argument(
+        "--version",
+        action=_Version,
+        nargs=0,
+        help="print what a bug report needs: versions and the platform",
+    )
     _add_quiet(parser)
     return parser
 
@@ -130,6 +149,7 @@ def _top_parser() -> argparse.ArgumentParser:
 def _verb_parser(verb: str, module: Any) -> argparse.ArgumentParser:
     parser = _Parser(prog=f"bulgefit {verb}", description=module.HELP)
     module.add_arguments(parser)
+    add_config_arguments(parser)
     _add_quiet(parser)
     return parser
 
@@ -139,12 +159,15 @@ def _add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 class _Version(argparse.Action):
-    """Print the version; it is looked up only when asked for."""
+    """Print what a bug report needs; it is looked up only when asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
-        import bulgefit
+        import platform
 
-        print(f"bulgefit {bulgefit.__version__}")
+        from bulgefit.cli._common import versions
+
+        found = {**versions(), "platform": platform.platform()}
+        print("\n".join(f"{name} {value}" for name, value in found.items()))
         parser.exit()
 
 

@@ -69,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_effect_arguments(parser)
     _common.add_solver_arguments(parser)
+    _common.add_mesh_error_argument(parser)
     _common.add_json_arguments(parser)
     parser.add_argument(
         "--output",
@@ -96,19 +97,25 @@ def run(args: argparse.Namespace) -> int:
 
     import numpy as np
 
+    from bulgefit.fem.mesh import DEFAULT_REFINE
     from bulgefit.model.simulation import simulate
 
-    mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
-    reach = float(np.hypot(*mesh.nodes.T).max())
-    if radius is not None and abs(reach - radius) > 0.01 * radius:
-        raise InputError(
-            f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
-            "leave --radius out or scale the mesh"
-        )
+    mesh = None
+    if args.mesh is not None:
+        mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
+        reach = float(np.hypot(*mesh.nodes.T).max())
+        if radius is not None and abs(reach - radius) > 0.01 * radius:
+            raise InputError(
+                f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
+                "leave --radius out or scale the mesh"
+            )
     result = simulate(
         material,
         np.array(pressures) / 10.0,
         mesh=mesh,
+        refine=DEFAULT_REFINE if args.refine is None else args.refine,
+        correct_mesh=not args.keep_mesh_error,
+        radius=radius or _USUAL_RADIUS,
         thickness=args.thickness,
         angle=args.angle,
         effects=held_from(args),
@@ -230,6 +237,8 @@ def _payload(
         "stable": result.stable,
         "wrinkled_points": result.wrinkled,
         "error_estimate_mm": result.error,
+        "mesh_error_taken_off_mm": result.mesh_error_taken_off,
+        "mesh_error_mm": result.mesh_error,
         "material": result.material.kind,
         "parameters": _common.named_values(result.material),
         "law": result.membrane.law,
@@ -248,6 +257,8 @@ def _payload(
             "pressure_bar": "bar",
             "apex_mm": "mm",
             "error_estimate_mm": "mm",
+            "mesh_error_taken_off_mm": "mm",
+            "mesh_error_mm": "mm",
             "seconds": "s",
             "radius_mm": "mm",
             "thickness_mm": "mm",
@@ -279,6 +290,12 @@ def _table(result: Simulation, pressures: list[float]) -> str:
         for p, apex, w in zip(pressures, result.apex, result.wrinkled, strict=True)
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
+    if result.mesh_error_taken_off is not None:
+        left = "unknown" if result.mesh_error is None else f"{1000 * result.mesh_error:.2g} µm"
+        lines.append(
+            f"mesh: up to {1000 * result.mesh_error_taken_off:.2g} µm of its error taken off, "
+            f"{left} left"
+        )
     if not result.stable:
         lines.append(
             "on this path the tangent is not positive definite somewhere: not all shapes are stable"

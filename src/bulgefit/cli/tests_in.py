@@ -24,23 +24,28 @@ __all__ = [
 ]
 
 
+# Options of the formats that are exports of DIC systems.
+_OF_EXPORTS = ("pressure", "pressure_column", "pressure_unit", "positions", "length_unit")
+
+
 def add_tests_argument(parser: argparse.ArgumentParser) -> None:
     """Add the positional TEST [TEST ...], as `args.tests`."""
     parser.add_argument(
         "tests",
         nargs="+",
         metavar="TEST",
-        help="bulge test: a file (.npz, .h5, the study's .npy) or a folder of CSV frames",
+        help="bulge test: a file (.npz, .h5, the study's .npy), or a folder or 'pattern*' of one "
+        "file a frame (CSV, or an export of a DIC system; bulgefit formats lists them)",
     )
 
 
 def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how a test is read: --format, --radius, --thickness, --columns."""
+    """Add the options that say how a test is read, such as --format, --radius and --pressure."""
     group = parser.add_argument_group("reading tests")
     group.add_argument(
         "--format",
         metavar="F",
-        help="format: npz, hdf5, study or csv (default: seen from the file's name)",
+        help="format, one of those that bulgefit formats lists (default: seen from the files)",
     )
     group.add_argument(
         "--radius",
@@ -58,7 +63,38 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         "--columns",
         metavar="x=NAME,...",
         help="what the columns x, y, z, dx, dy, dz (mm) are called in the CSV frames of a folder, "
-        "e.g. x=X_mm,y=Y_mm (default: their own names)",
+        "or in other text tables with --format table, e.g. x=X_mm,y=Y_mm (default: their own "
+        "names)",
+    )
+    group.add_argument(
+        "--pressure",
+        metavar="FILE",
+        help="table of the pressures of a DIC system's frames, with their file names or numbers; "
+        "`names` where the file names tell, as in run_1.5bar.csv (default: a log beside the "
+        "frames, else what they recorded, else their names)",
+    )
+    group.add_argument(
+        "--pressure-column",
+        metavar="NAME",
+        help="column of that table, or of the frames, that holds the pressure (default: the one "
+        "that is called so)",
+    )
+    group.add_argument(
+        "--pressure-unit",
+        metavar="UNIT",
+        help="unit of that column (bar, mbar, kPa, MPa, Pa), or what one of its unit is worth, "
+        "e.g. 2.5bar/V (default: what the column states)",
+    )
+    group.add_argument(
+        "--positions",
+        metavar="WHICH",
+        help="whether a DIC system's positions are those before inflation (reference) or at the "
+        "frame (current) (default: what the format declares, checked on the numbers)",
+    )
+    group.add_argument(
+        "--length-unit",
+        metavar="UNIT",
+        help="unit of lengths for which a DIC system's file states none (default: mm)",
     )
 
 
@@ -69,8 +105,12 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
         "radius": args.radius,
         "thickness": args.thickness,
     }
+    for key in _OF_EXPORTS:
+        if getattr(args, key) is not None:
+            options[key] = getattr(args, key)
     if args.columns is not None:
         options["columns"] = _columns(args.columns)
+    options["say"] = lambda line: progress(args, line)
     return options
 
 
@@ -91,8 +131,8 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     options = reader_options(args)
     tests = [read_test(path, **options) for path in args.tests]
     for test in tests:
-        for line in alarms(test):
-            progress(args, f"warning: {test.name}: {line}")
+        for alarm in alarms(test):
+            progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
     for one, other in combinations(tests, 2):
         if same_data(one, other):
             raise InputError(
@@ -106,10 +146,12 @@ def files_read(paths: Iterable[str | None]) -> list[Path]:
 
     Results and pictures in a folder of frames are none of them.
     """
+    import glob
     from pathlib import Path
 
     found = []
-    for path in (Path(path) for path in paths if path is not None):
+    named = [name for name in paths if name is not None]
+    for path in map(Path, [*named, *(match for name in named for match in glob.glob(name))]):
         found.append(path)
         if path.is_dir():
             found += [p for p in path.iterdir() if p.suffix not in (".json", ".png")]

@@ -24,14 +24,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Make bulge tests with a drawn effect and size, seal the truth (its SHA-256 is printed\n"
         "before any diagnosis starts), diagnose them blind in other processes, then open the\n"
-        "truth and score. Tests have no effect, one, two, or one from outside the catalogue.\n"
-        "Sizes in the score are in mm. The same seed makes the same tests. With --scheduler tests\n"
-        "are made here and diagnosed there, and all workers must see the folder --output."
+        "truth and score. Tests have none to six effects, a third of them one from outside the\n"
+        "catalogue, alone or beside others; families are three tests of one cloth, diagnosed\n"
+        "together. Sizes in the score are in mm. The same seed makes the same tests. With\n"
+        "--scheduler tests are made here and diagnosed there, and all workers must see the folder\n"
+        "--output."
     )
     parser.epilog = (
         "examples:\n"
         "  bulgefit trial --number 20 --output trial\n"
         "  bulgefit trial --number 40 --effects clamp_slip,none --output slip --json slip.json\n"
+        "  bulgefit trial --number 10 --effects beside,family --output hard\n"
         "  bulgefit trial --number 20 --strike --output struck\n"
         "  bulgefit trial --number 60 --shrink 30 --output limits"
     )
@@ -46,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--effects",
         metavar="NAMES",
         help="make only these, separated by commas: effects of the catalogue, foreign ones, none, "
-        "two (default: all)",
+        "two to six (so many effects), beside (a foreign one beside others), family (default: all)",
     )
     group.add_argument(
         "--strike",
@@ -56,10 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--shrink",
         type=float,
-        default=1.0,
+        default=10.0,
         metavar="FACTOR",
-        help="divide sizes by a number between 1 and this, to find what is just detectable "
-        "(default: 1)",
+        help="divide each size by a number between 1 and this: 10 goes down to the noise of the "
+        "cameras, 30 below what is detectable; foreign ones by 3 at most (default: 10)",
     )
     group.add_argument(
         "--output",
@@ -90,7 +93,8 @@ def run(args: argparse.Namespace) -> int:
     workers = _common.workers_from(args)
 
     from bulgefit.gap.diagnosis import diagnose
-    from bulgefit.trial.make import Recipe
+    from bulgefit.gap.effects import CATALOGUE
+    from bulgefit.trial.recording import Recipe
     from bulgefit.trial.run import run_trial, score_folder
 
     if args.score:
@@ -107,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
             strike=args.strike,
             workers=workers,
             diagnose=diagnose,
+            options={"effects": [*CATALOGUE]} if args.strike else None,
             recipe=Recipe(shrink=args.shrink),
             executor=executor,
             say=lambda line: _common.progress(args, line),
@@ -116,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
     """Write and print a result."""
-    from bulgefit.trial.score import report
+    from bulgefit.trial.table import report
 
     result["meta"]["versions"] = _common.versions()
     _common.deliver(args, result, report(result["scores"]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bulgefit.dic import assemble
 from bulgefit.dic.check import check, increases
 from bulgefit.errors import InputError
-from bulgefit.parallel.spread import sent_once
+from bulgefit.parallel.parcels import sent_once
 
 __all__ = ["Block", "BulgeTest"]
 
@@ -114,6 +114,7 @@ class BulgeTest:
         source: str = "",
         checksum: str = "",
         crop: float | None = None,
+        mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
         """Make a checked test whose frames share their points. The arrays are copied.
 
@@ -131,6 +132,8 @@ class BulgeTest:
         source, checksum : str
         crop : float, mm, optional
             Points farther than this from the centre are left out before the test is checked.
+        mends : sequence of callables, optional
+            Each takes the test and gives back a better one, before it is cropped and checked.
 
         Raises
         ------
@@ -159,7 +162,7 @@ class BulgeTest:
             source=source,
             checksum=checksum,
         )
-        return test._checked(crop)
+        return test._checked(crop, mends)
 
     @classmethod
     def from_frames(
@@ -175,6 +178,7 @@ class BulgeTest:
         source: str = "",
         checksum: str = "",
         crop: float | None = None,
+        mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
         """Make a checked test whose frames may have points of their own.
 
@@ -187,7 +191,7 @@ class BulgeTest:
             Reference and displacement of each frame; points without a position or without any
             measured component are dropped.
         pressure : (frames,) array_like, MPa
-        name, radius, thickness, poisson_ratio, time, source, checksum, crop
+        name, radius, thickness, poisson_ratio, time, source, checksum, crop, mends
             As in `from_arrays`.
 
         Raises
@@ -213,7 +217,7 @@ class BulgeTest:
             source=source,
             checksum=checksum,
         )
-        return test._checked(crop)
+        return test._checked(crop, mends)
 
     @property
     def n_frames(self) -> int:
@@ -353,11 +357,16 @@ class BulgeTest:
         masks = [np.hypot(*block.reference[:, :2].T) <= radius for block in self.blocks]
         return self.select(points=masks)
 
-    def _checked(self, crop: float | None) -> BulgeTest:
+    def _checked(
+        self, crop: float | None, mends: Sequence[Callable[[BulgeTest], BulgeTest]]
+    ) -> BulgeTest:
+        test = self
+        for mend in mends:
+            test = mend(test)
         if crop is not None:
-            return self.cropped(crop)
-        check(self)
-        return self
+            return test.cropped(crop)
+        check(test)
+        return test
 
 
 def _read_only(array: Any) -> Any:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.coverage import coverage
-from bulgefit.dic.suspicions import suspicions
+from bulgefit.dic.suspicions import Suspicion, suspicions
 
 __all__ = ["TestInfo", "describe"]
 
@@ -56,8 +56,8 @@ class TestInfo:
         Images at rest.
     static_noise_mm : tuple of three floats or None, mm
         Standard deviation of dx, dy, dz about each point's mean over the images at rest.
-    warnings : tuple of str
-        What looks wrong, one line each.
+    warnings : tuple of Suspicion
+        What looks wrong: code, text and remedy of each.
     """
 
     __test__ = False  # keeps pytest from collecting a class of this name
@@ -85,7 +85,7 @@ class TestInfo:
     duration_s: float | None
     n_static: int
     static_noise_mm: tuple[float | None, ...] | None
-    warnings: tuple[str, ...]
+    warnings: tuple[Suspicion, ...]
 
 
 def describe(test: BulgeTest) -> TestInfo:
@@ -128,7 +128,7 @@ def describe(test: BulgeTest) -> TestInfo:
         duration_s=None if test.time is None else float(np.ptp(test.time)),
         n_static=0 if static is None else len(static),
         static_noise_mm=None if static is None else _static_noise(static),
-        warnings=tuple(suspicions(test, points, per_frame, whole, quadrants)),
+        warnings=tuple(suspicions(test)),
     )
 
 

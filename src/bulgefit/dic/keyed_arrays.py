@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,10 +12,38 @@ from numpy.typing import NDArray
 from bulgefit.dic.registry import Recording
 from bulgefit.errors import InputError
 
-__all__ = ["OPTIONAL", "REQUIRED", "recording_from"]
+__all__ = ["OPTIONAL", "REQUIRED", "need_memory", "recording_from"]
 
 REQUIRED = ("reference", "displacement", "pressure")
 OPTIONAL = ("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time")
+
+# More frames than this, of which each costs some time, come from no camera.
+_MOST_FRAMES = 50_000
+
+
+def need_memory(shape: tuple[int, ...], dtype: np.dtype[Any], allowed: int, where: str) -> int:
+    """What is left of the memory that a file's arrays may take, after one more.
+
+    An array is copied once, as float32 or float64, and checked with another of its size.
+
+    Raises
+    ------
+    InputError
+        Nothing is left.
+    """
+    kept = 4 if dtype == np.float32 else 8
+    # whole numbers of Python: those of a damaged header may exceed any other
+    need = math.prod(int(length) for length in shape) * (dtype.itemsize + 2 * kept)
+    if need > allowed:
+        raise InputError(
+            f"{where} has shape {_shown(shape)}, which takes {need / 1e9:.3g} GB of memory and is "
+            "out of all proportion to the file; save it uncompressed, or as float32"
+        )
+    return allowed - need
+
+
+def _shown(shape: tuple[int, ...]) -> str:
+    return "(" + ", ".join(f"{length:.4g}" for length in shape[:4]) + ")"
 
 
 def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str) -> Recording:
@@ -37,6 +66,11 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
     for key, array in arrays.items():
         if key in REQUIRED + OPTIONAL and array.dtype.kind not in "fiu":
             raise InputError(f"{where}: {key} holds {array.dtype}, not real numbers")
+    if arrays["pressure"].size > _MOST_FRAMES:
+        raise InputError(
+            f"{where}: {arrays['pressure'].size} pressures; a test of more than {_MOST_FRAMES} "
+            "frames is not read, leave frames out"
+        )
     recording = Recording(
         pressure=arrays["pressure"],
         checksum=checksum,

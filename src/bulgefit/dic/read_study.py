@@ -8,10 +8,12 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.registry import Recording, file_checksum, one_line, reader
+from bulgefit.dic.keyed_arrays import need_memory
+from bulgefit.dic.registry import Recording, one_line, reader
 from bulgefit.dic.safe_pickle import Shell, UnsafePickleError, load_shells, to_array
 from bulgefit.dic.units import PRESSURE
 from bulgefit.errors import InputError
+from bulgefit.files import checksum_of, memory_for, open_regular
 
 __all__ = ["read_study"]
 
@@ -22,29 +24,34 @@ _READ_HEADER = {
 _LAYOUT = "the study's layout is rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]"
 
 
-@reader("study", [".npy", ".pkl", ".pickle", ".p"])
+@reader(
+    "study",
+    [".npy", ".pkl", ".pickle", ".p"],
+    example="rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]",
+)
 def read_study(path: Path) -> Recording:
     """Read a pickled object array (frames, 2), from .npy or a plain pickle, running no code.
 
     The layout does not say the specimen; radius 100 mm, thickness 0.81 mm and poisson_ratio 0.24
     are those of the study.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             rows = _rows(_load(file, path))
-            frames, pressure = _frames(rows)
+            frames, pressure = _frames(rows, memory_for(file), path)
         except UnsafePickleError as refused:
             raise InputError(
-                f"{path}: refused, the pickle asks for {refused}, which could run code; only numpy "
-                "arrays are loaded"
+                f"{path}: refused, the pickle asks for {one_line(refused)}, which could "
+                "run code; only numpy arrays are loaded"
             ) from None
         except InputError:
             raise
         except ValueError as error:
             raise InputError(f"{path}: not a bulge test ({one_line(error)}); {_LAYOUT}") from None
+        checksum = checksum_of(file)
     return Recording(
         pressure=np.array(pressure) * PRESSURE["GPa"],
-        checksum=file_checksum(path),
+        checksum=checksum,
         frames=frames,
         radius=100.0,
         thickness=0.81,
@@ -92,7 +99,9 @@ def _elements(value: Any) -> list[Any]:
     raise ValueError(f"found {type(value).__name__} where rows should be")
 
 
-def _frames(rows: list[Any]) -> tuple[list[tuple[NDArray[Any], NDArray[Any]]], list[float]]:
+def _frames(
+    rows: list[Any], allowed: int, path: Path
+) -> tuple[list[tuple[NDArray[Any], NDArray[Any]]], list[float]]:
     frames, pressure = [], []
     for i, row in enumerate(rows):
         cells = _elements(row)
@@ -103,6 +112,8 @@ def _frames(rows: list[Any]) -> tuple[list[tuple[NDArray[Any], NDArray[Any]]], l
             raise ValueError(f"row {i} has points of shape {points.shape}, not (n, 6)")
         if load.size != 1 or load.dtype.kind not in "fiu":
             raise ValueError(f"row {i} has a pressure of shape {load.shape}, not one number")
+        # rows may all name one array
+        allowed = need_memory(points.shape, points.dtype, allowed, f"{path}: row {i}")
         frames.append((points[:, :3], points[:, 3:]))
         pressure.append(float(load.reshape(())))
     return frames, pressure

@@ -2,27 +2,45 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 # imported for their readers, which register themselves
-from bulgefit.dic import read_csv_folder, read_hdf5, read_npz, read_study
+from bulgefit.dic import read_hdf5, read_npz, read_study
 from bulgefit.dic.assemble import per_frame
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.check import check_pressure_unit
+from bulgefit.dic.formats import (
+    any_table,
+    aramis,
+    csv_folder,
+    davis,
+    davis_vc7,
+    dice,
+    duodic,
+    istra4d,
+    matchid,
+    vic3d,
+    vic3d_mat,
+)
+from bulgefit.dic.formats.plugins import load_plugins
+from bulgefit.dic.formats.source import Place, source_of
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
-__all__ = ["READERS", "Recording", "read_test", "reader"]
+__all__ = ["READERS", "Recording", "load_plugins", "read_test", "reader"]
 
-_BUILT_IN = (read_csv_folder, read_hdf5, read_npz, read_study)
+_BUILT_IN = (
+    *(csv_folder, read_hdf5, read_npz, read_study),
+    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, aramis, dice, istra4d, duodic, any_table),
+)
 # The study's value, taken where neither the file nor the caller gives one.
 _USUAL_POISSON_RATIO = 0.24
 
 
 def read_test(
-    path: str | os.PathLike[str],
+    path: Place | Sequence[Place],
     *,
     format: str | None = None,
     radius: float | None = None,
@@ -30,16 +48,18 @@ def read_test(
     poisson_ratio: float | None = None,
     name: str | None = None,
     crop: float | None = None,
+    mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
+    say: Callable[[str], None] | None = None,
     **options: Any,
 ) -> BulgeTest:
     """Read and check a bulge test.
 
     Parameters
     ----------
-    path : path
-        A file, or a folder of CSV files.
+    path : path or sequence of paths
+        A file, a folder of one file a frame, a pattern such as "frames/*.csv", or a list of files.
     format : str, optional
-        One of `READERS` (npz, hdf5, study, csv); by default it is seen from the path.
+        One of `READERS`, as `bulgefit formats` lists them; by default it is seen from the files.
     radius, thickness : float, mm, optional
         Override what the file says.
     poisson_ratio : float, optional
@@ -48,24 +68,39 @@ def read_test(
         By default the file's name without its suffix.
     crop : float, mm, optional
         Points farther than this from the centre are left out before the test is checked.
+    mends : sequence of callables, optional
+        Each takes the test and gives back a better one (`bulgefit.dic.mend`), one after the
+        other, before the test is cropped and checked.
+    say : callable, optional
+        Called with a line for each thing that the reader took, joined or left out.
     **options
-        Of the format: `columns` (dict of x, y, z, dx, dy, dz to column names) for csv.
+        Of the format. `columns` (dict of x, y, z, dx, dy, dz to column names) for csv and table;
+        for exports of DIC systems `pressure` (a table, or "names"), `pressure_column`,
+        `pressure_unit` (such as "bar", or "2.5bar/V"), `positions` ("reference" or "current") and
+        `length_unit`.
 
     Raises
     ------
     InputError
         The file cannot be read or is not a bulge test; one line says why and what to do.
     """
-    path = Path(path)
-    chosen = choose_reader(path, format, options)
+    tell = say or _silent
+    for line in load_plugins():
+        tell(line)
+    source = source_of(path)
+    chosen = choose_reader(source, format, options)
+    path = source.path
     try:
-        recording = chosen.read(path, **options)
+        recording = chosen.read(source, **options)
     except OSError as error:
         raise unreadable(path, error) from error
     except MemoryError:
         raise InputError(f"{path}: does not fit into memory, or is damaged") from None
+    for line in recording.notes:
+        tell(line)
     pressure = per_frame(recording.pressure, "pressure", str(path))
-    check_pressure_unit(pressure, recording.pressure_unit, str(path))
+    if not mends:  # the unit itself may be what is mended; the test is checked afterwards
+        check_pressure_unit(pressure, recording.pressure_unit, str(path))
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
         "radius": _given(radius, recording.radius, "radius", path),
@@ -75,6 +110,7 @@ def read_test(
         "source": str(path),
         "checksum": recording.checksum,
         "crop": crop,
+        "mends": mends,
     }
     if recording.frames is not None:
         return BulgeTest.from_frames(recording.frames, pressure, **common)
@@ -87,6 +123,10 @@ def read_test(
         static_displacement=recording.static_displacement,
         **common,
     )
+
+
+def _silent(line: str) -> None:
+    """Say nothing."""
 
 
 def _given(asked: float | None, said: float | None, key: str, path: Path) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from bulgefit.dic.formats.source import Source
 from bulgefit.errors import InputError
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "file_checksum",
     "one_line",
     "reader",
-    "text_of",
     "unreadable",
 ]
 
@@ -47,6 +46,8 @@ class Recording:
     name : str or None
     pressure_unit : str
         Of the numbers in the file, one of `bulgefit.dic.units.PRESSURE`: messages speak in it.
+    notes : sequence of str
+        What was taken, joined and lost on the way, one line each, for whoever reads the test.
     """
 
     pressure: ArrayLike
@@ -61,6 +62,7 @@ class Recording:
     time: ArrayLike | None = None
     name: str | None = None
     pressure_unit: str = "MPa"
+    notes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -71,20 +73,32 @@ class Reader:
     ----------
     name : str
     looks_like : str
-        What such a file is called, e.g. "*.npz".
+        What such a file is called, or what writes it.
     matches : callable
-        Whether a path is taken for this format where none is given.
+        Whether a `Source` is taken for this format where none is given.
     options : tuple of str
         Keyword arguments of `read`.
     read : callable
-        Reads the path into a `Recording`.
+        Reads the source into a `Recording`.
+    example : str
+        A line of such a file, or what it holds.
+    lost : str
+        How it marks a point that was lost.
+    positions : str
+        Whether its positions are those before inflation ("reference") or at the frame ("current").
+    by_content : bool
+        Whether `matches` looks into the file; then it goes before formats that know only names.
     """
 
     name: str
     looks_like: str
-    matches: Callable[[Path], bool]
+    matches: Callable[[Source], bool]
     options: tuple[str, ...]
     read: Callable[..., Recording]
+    example: str = ""
+    lost: str = "NaN"
+    positions: str = "reference"
+    by_content: bool = False
 
 
 READERS: dict[str, Reader] = {}
@@ -96,6 +110,9 @@ def reader(
     *,
     looks_like: str | None = None,
     options: Iterable[str] = (),
+    example: str = "",
+    lost: str = "NaN",
+    positions: str = "reference",
 ) -> Callable[[Callable[..., Recording]], Callable[..., Recording]]:
     """Register the decorated function as the reader of a format.
 
@@ -109,6 +126,8 @@ def reader(
         Shown in messages; by default the suffixes.
     options : iterable of str
         Keyword arguments that the function takes beside the path.
+    example, lost, positions : str
+        Shown by `bulgefit formats` (see `Reader`).
 
     Examples
     --------
@@ -125,57 +144,76 @@ def reader(
             return path.suffix.lower() in suffixes
 
     def register(function: Callable[..., Recording]) -> Callable[..., Recording]:
-        READERS[name] = Reader(name, shown, test, tuple(options), function)
+        def read(source: Source, **given: Any) -> Recording:
+            if not source.is_one_path:
+                raise InputError(f"{source.path}: the format {name} is one path a test; name it")
+            return function(source.path, **given)
+
+        READERS[name] = Reader(
+            name,
+            shown,
+            lambda source: source.is_one_path and test(source.path),
+            tuple(options),
+            read,
+            example,
+            lost,
+            positions,
+        )
         return function
 
     return register
 
 
-def choose_reader(path: Path, format: str | None, options: dict[str, Any]) -> Reader:
-    """The reader of a path: the format that is named, else the one that matches.
+def choose_reader(source: Source, format: str | None, options: dict[str, Any]) -> Reader:
+    """The reader of a source: the format that is named, else the one that matches.
 
     Raises
     ------
     InputError
-        The path does not exist, no format fits it, or the format has no such option.
+        No format fits the source or several do, or the format has no such option.
     """
-    known = "; ".join(f"{entry.name} ({entry.looks_like})" for entry in READERS.values())
-    if format is not None and format not in READERS:
-        raise InputError(f"unknown format {format!r}; known are {known}")
-    if not os.path.lexists(path):
-        raise InputError(f"{path}: no such file or folder; check the path")
     if format is not None:
+        if format not in READERS:
+            raise InputError(f"unknown format {format!r}; known are {_known()}")
         chosen = READERS[format]
     else:
-        fitting = [entry for entry in READERS.values() if entry.matches(path)]
-        if not fitting:
-            kind = "folder" if path.is_dir() else "file"
-            raise InputError(
-                f"{path}: not a {kind} of a known format; name one with --format, of {known}"
-            )
-        chosen = fitting[0]
+        chosen = _matching(source, options)
     for option in options:
         if option not in chosen.options:
-            raise InputError(f"{path}: the format {chosen.name} has no option {option!r}")
+            raise InputError(
+                f"{source.path}: the format {chosen.name} has no option {option!r}; leave it out"
+            )
     return chosen
 
 
+def _matching(source: Source, options: dict[str, Any]) -> Reader:
+    fitting = [entry for entry in READERS.values() if entry.matches(source)]
+    # the options that were given tell formats apart that a path could be of
+    fitting = [entry for entry in fitting if {*options} <= {*entry.options}] or fitting
+    seen = [entry for entry in fitting if entry.by_content]
+    if len(seen) > 1:
+        names = ", ".join(entry.name for entry in seen)
+        raise InputError(f"{source.path}: may be of the formats {names}; name one with --format")
+    if not fitting:
+        kind = "folder" if source.path.is_dir() else "file"
+        raise InputError(
+            f"{source.path}: not a {kind} of a known format; name one with --format, of {_known()}"
+        )
+    return [*seen, *fitting][0]
+
+
+def _known() -> str:
+    return f"{', '.join(sorted(READERS))} (bulgefit formats shows them)"
+
+
 def one_line(error: Exception) -> str:
-    """The message of another library's error, without line breaks."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """The message of another library's error, without line breaks; it may quote the file."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def unreadable(path: Path, error: OSError) -> InputError:
     """What is raised where the system does not let a file be read."""
     return InputError(f"{path}: cannot be read ({error.strerror or one_line(error)})")
-
-
-def text_of(path: Path, errors: str = "strict") -> str:
-    """The text of one file of a folder, of UTF-8 with or without its mark."""
-    try:
-        return path.read_text(encoding="utf-8-sig", errors=errors)
-    except OSError as error:  # says itself which file, since the folder is what was asked for
-        raise unreadable(path, error) from error
 
 
 def file_checksum(*paths: Path) -> str:

@@ -3,6 +3,9 @@
 No class or function of numpy (or of anything else) is handed to the pickle. Its few names are
 answered by inert shells that only note what they are given; the arrays are then made from the
 noted bytes here. A pickle that asks for any other name is refused.
+
+Python's own slow unpickler is taken: the fast one fills memory up to whatever index a pickle
+gives to a memorised object.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from __future__ import annotations
 import math
 import pickle
 import re
+import struct
+from collections.abc import Callable
 from typing import IO, Any
 
 import numpy as np
@@ -80,7 +85,63 @@ for _core in ("numpy.core", "numpy._core"):
     _SHELLS[f"{_core}.numeric", "_frombuffer"] = _FromBuffer
 
 
-class _Unpickler(pickle.Unpickler):
+class _Bounded:
+    """A file of which no more can be asked for than it has: memory is taken before it is read."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        here = file.tell()
+        self.file, self.end = file, file.seek(0, 2)
+        file.seek(here)
+
+    def read(self, count: int) -> bytes:
+        """The next `count` bytes."""
+        if not 0 <= count <= self.end - self.file.tell():
+            raise EOFError("cut short")
+        return self.file.read(count)
+
+    def readinto(self, buffer: bytearray) -> int:
+        """Fill a buffer."""
+        found = self.read(len(buffer))
+        buffer[:] = found
+        return len(found)
+
+    def readline(self) -> bytes:
+        """The bytes up to the next line break."""
+        return self.file.readline()
+
+
+# Instructions of a pickle. A frame takes some thirty; one makes at most a hundred bytes.
+_MOST_INSTRUCTIONS = 300_000
+
+
+class _Counted(dict[int, Any]):
+    """The instructions of an unpickler, of which it can look up so many."""
+
+    left = _MOST_INSTRUCTIONS
+
+    def __getitem__(self, code: int) -> Any:
+        self.left -= 1
+        if self.left < 0:
+            raise ValueError("too many instructions")
+        return super().__getitem__(code)
+
+
+class _Unpickler(pickle._Unpickler):
+    # given by `load`, in every version of Python
+    read: Callable[[int], bytes]
+    append: Callable[[Any], None]
+
+    def __init__(self, file: IO[bytes]) -> None:
+        # the encoding lets bytes of Python 2 through unchanged
+        super().__init__(_Bounded(file), encoding="latin1")
+        own = {pickle.BYTEARRAY8[0]: _Unpickler._load_bytearray}
+        self.dispatch = _Counted({**pickle._Unpickler.dispatch, **own})  # type: ignore[misc]
+
+    def _load_bytearray(self) -> None:
+        # Python's own takes the memory before it reads
+        (size,) = struct.unpack("<Q", self.read(8))
+        self.append(bytearray(self.read(size)))
+
     def find_class(self, module: str, name: str) -> Any:
         try:
             return _SHELLS[module, name]
@@ -99,8 +160,7 @@ def load_shells(file: IO[bytes]) -> Any:
         It is damaged or no pickle.
     """
     try:
-        # the encoding lets bytes of Python 2 through unchanged
-        return _Unpickler(file, encoding="latin1").load()
+        return _Unpickler(file).load()
     except UnsafePickleError:
         raise
     except Exception as error:  # a damaged pickle can raise nearly anything

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import reprlib
+
 from bulgefit.errors import InputError
 
 __all__ = ["LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
 
-LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3}
+LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
 PRESSURE = {
     "MPa": 1.0,
     "N/mm^2": 1.0,
@@ -15,6 +17,8 @@ PRESSURE = {
     "GPa": 1e3,
     "bar": 0.1,
     "mbar": 1e-4,
+    # one pound-force on a square inch
+    "psi": 4.4482216152605 / 25.4**2,
 }
 TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 PURE = {"1": 1.0, "": 1.0}
@@ -38,5 +42,5 @@ def factor(unit: str, known: dict[str, float], where: str) -> float:
     """
     if unit not in known:
         names = ", ".join(name for name in known if name)
-        raise InputError(f"{where} has the unit {unit!r}; known are {names}")
+        raise InputError(f"{where} has the unit {reprlib.repr(unit)}; known are {names}")
     return known[unit]

@@ -2,7 +2,8 @@
 
 numba keeps what it has compiled in `__pycache__` beside the source, or in the user's cache folder
 where that cannot be written. It drops a compiled function when the function's own file changes,
-but not when a file changes whose functions or constants went into it; here both are watched.
+but not when a file changes whose functions or constants went into it; here both are watched. That
+touches private parts of numba's cache, for which pyproject.toml bounds its version.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ __all__ = ["compiled", "inlined", "inner", "merged"]
 _SHARED = (
     "jit.py",
     "geometry.py",
-    "laws.py",
+    "laws/*.py",
     "relaxation.py",
     "lanes.py",
     "cells.py",
@@ -32,7 +33,11 @@ _SHARED = (
 )
 
 _SOURCES = hashlib.sha256(
-    b"".join((Path(__file__).parent / name).read_bytes() for name in _SHARED)
+    b"".join(
+        path.read_bytes()
+        for pattern in _SHARED
+        for path in sorted(Path(__file__).parent.glob(pattern))
+    )
 ).hexdigest()
 
 #: Division by zero gives an infinity, as in numpy. Sums may be reordered and fused for speed;

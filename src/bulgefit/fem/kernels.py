@@ -50,7 +50,7 @@ from bulgefit.fem.lanes import (
     stiffness_in_lanes,
     stress_in_lanes,
 )
-from bulgefit.fem.relaxation import natural_state, respond, stress_sensitivity
+from bulgefit.fem.relaxation import respond, stress_sensitivity
 
 __all__ = ["assemble", "assemble_law_changes", "assemble_pressure", "assemble_sensitivity"]
 
@@ -85,8 +85,9 @@ def assemble(
     gradient : (m, 4, 4, 2) array, 1/mm
     weight : (m, 4) array, mm³
         Thickness times reference area of each Gauss point.
-    q : tuple of 12, MPa and 1
-    law, relax : int, bool
+    q : tuple of floats
+        As `laws.potential.PARAMETERS` names them.
+    law, relax : Law, bool
     pressure : float, MPa
     share : (m,) array
         How much of each cell the pressure acts on, 1.
@@ -120,7 +121,7 @@ def assemble(
     # at every Gauss point: F, and W, S and CC times t dA; at one of them: P
     f, at = np.empty((4, 6, LANES)), np.empty((4, 10, LANES))
     strain, heavy, plain = np.empty((3, LANES)), np.empty((4, LANES)), np.empty(LANES)
-    p, natural = np.empty((6, LANES)), natural_state(q, law)
+    p, natural = np.empty((6, LANES)), law.natural(q)
     moduli, stiffness = np.empty((4, 3, 3, LANES)), np.empty((10, 3, 3, LANES))
     # of one field: its values and F, and the load stiffness
     moves, df, load = np.empty((4, 3, LANES)), np.empty((6, LANES)), np.empty((6, 3, LANES))
@@ -201,7 +202,7 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
     corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
     f, heavy, p = np.empty((6, LANES)), np.empty((4, LANES)), np.empty((6, LANES))
     strain, stress, plain = np.empty((3, LANES)), np.empty((3, LANES)), np.empty(LANES)
-    by_stiffness, natural = np.empty((4, 3, LANES)), natural_state(q, law)
+    by_stiffness, natural = np.empty((4, 3, LANES)), law.natural(q)
     forces = np.empty((4, 4, 3, LANES))
     out[:] = 0.0
     for first in range(0, len(cells), LANES):
@@ -237,7 +238,8 @@ def assemble_sensitivity(x, cells, gradient, weight, q, law, relax, out):
 def _tuple_of(q):
     """The law's parameters as the laws take them."""
     return (
-        q[0], q[1], q[2], q[3], q[4], q[5], q[6], q[7], q[8], q[9], q[10], q[11]
+        q[0], q[1], q[2], q[3], q[4], q[5], q[6], q[7], q[8], q[9], q[10], q[11],
+        q[12], q[13], q[14], q[15], q[16], q[17], q[18], q[19], q[20], q[21], q[22], q[23],
     )  # fmt: skip
 
 
@@ -249,7 +251,7 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
 
     Parameters
     ----------
-    before, after : (k, 12) array
+    before, after : (k, 24) array
         What the kernels call q.
     out : (k, n, 3) array, N
         Overwritten.
@@ -277,8 +279,10 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
                 low, high = _tuple_of(before[k]), _tuple_of(after[k])
                 stress_in_lanes(measure, heavy[g], low, stress)
                 stress_in_lanes(measure, heavy[g], high, change)
-                if k == 0:  # the changes are slight: so all of them
-                    find_plain(strain, stress, heavy[g], low, relax, natural_state(low, law), plain)
+                if not law.vectorised:
+                    plain[:] = 0.0
+                elif k == 0:  # the changes are slight: so all of them
+                    find_plain(strain, stress, heavy[g], low, relax, law.natural(low), plain)
                 for i in range(3):
                     for c in range(LANES):
                         change[i, c] -= stress[i, c]

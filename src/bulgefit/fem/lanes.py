@@ -2,26 +2,18 @@
 
 Almost every point of a blown membrane is taut and moderately stretched. There the laws need no
 branches, and with series for the logarithms no calls, so the compiler takes several points at a
-time. Points that are not so plain are told apart, and left to `relaxation.respond`.
+time. Points that are not so plain are told apart, and left to `relaxation.respond`, and so are all
+points of a law that has no functions for the lanes.
 
-With z = s/m², atanh(√z)/√z =: φ(z) obeys φ + 2 z φ' = 1/(1 - z), and so g and ∂g/∂s follow
-from a series of φ'' alone without cancellation (m, s and g as in `laws`).
-
-Bends of the stress are added where there are any: W, S and CC are linear in the potential and its
-derivatives by strain.
+Bends and curves of the stress are added where there are any: W, S and CC are linear in the
+potential and its derivatives by strain.
 """
 
 from __future__ import annotations
 
-import math
-
 from bulgefit.fem.jit import inlined, merged
-from bulgefit.fem.laws import (
-    by_stiffness,
-    log_strain,
-    pull_back,
-    straight_potential,
-)
+from bulgefit.fem.laws.logarithm import NEAR, log_argument
+from bulgefit.fem.laws.potential import bent_potential, is_bent, straight_potential
 from bulgefit.fem.relaxation import is_compressed, is_slack
 
 __all__ = [
@@ -37,106 +29,6 @@ __all__ = [
 #: Points that are taken together: arrays have them last, and the innermost loops run over them.
 #: With fewer of them LLVM unrolls these loops instead.
 LANES = 16
-
-#: A bend's arctangent and logarithm: halvings by roots, after which so many terms leave 1e-17 for
-#: strains of up to 200 times the knee.
-_HALVED, _LOG_HALVED, _BEND_TERMS = 3, 5, 12
-_TURNS, _LOGS = 2.0**_HALVED, 2.0 ** (_LOG_HALVED + 1)
-
-#: Series are used up to this square of their argument, where as many terms leave 1e-16: areas
-#: that are stretched 1.9 times, and stretches of the ratio 1.4.
-_NEAR, _TERMS = 0.1, 16
-
-
-@merged
-def _log_argument(det):
-    """The u of ½ ln det = 2 atanh u."""
-    root = math.sqrt(det)
-    return (root - 1.0) / (root + 1.0)
-
-
-@merged
-def _log_terms(m, s):
-    """½ ln det, g, ∂g/∂s and ∂²g/∂s²."""
-    det = m * m - s
-    u = _log_argument(det)
-    z = s / (m * m)
-    log, phi_2 = 0.0, 0.0
-    for n in range(_TERMS - 1, -1, -1):
-        log = log * (u * u) + 1.0 / (2.0 * n + 1.0)
-        phi_2 = phi_2 * z + (n + 1) * (n + 2) / (2.0 * n + 5.0)
-    whole = m * m / det  # 1/(1 - z)
-    phi_1 = (whole * whole - 2.0 * z * phi_2) / 3.0
-    phi = whole - 2.0 * z * phi_1
-    return 2.0 * u * log, phi / m, phi_1 / (m * m * m), phi_2 / (m * m * m * m * m)
-
-
-@merged
-def _bend(e, knee):
-    """`laws._knee` without calls.
-
-    atan x = 2 atan(x/(1 + √(1 + x²))) and ln(1 + y) = 2 ln(1 + y/(1 + √(1 + y))).
-    """
-    x = e / knee
-    t, y = x, x * x
-    for _ in range(_HALVED):
-        t = t / (1.0 + math.sqrt(1.0 + t * t))
-    for _ in range(_LOG_HALVED):
-        y = y / (1.0 + math.sqrt(1.0 + y))
-    u = y / (2.0 + y)
-    turned, log = 0.0, 0.0
-    for n in range(_BEND_TERMS - 1, -1, -1):
-        turned = 1.0 / (2.0 * n + 1.0) - turned * (t * t)
-        log = log * (u * u) + 1.0 / (2.0 * n + 1.0)
-    turned, log = _TURNS * t * turned, _LOGS * u * log
-    return (
-        knee * knee * (0.5 * x * x - x * turned + 0.5 * log),
-        knee * (x - turned),
-        x * x / (1.0 + x * x),
-    )
-
-
-@merged
-def _bent_potential(e1, e2, q):
-    """What the bends add to `straight_potential`."""
-    psi_1, bent_1, slope_1 = _bend(max(e1 - q[4], 0.0), q[10])
-    psi_2, bent_2, slope_2 = _bend(max(e2 - q[5], 0.0), q[11])
-    psi = q[8] * psi_1 + q[9] * psi_2
-    return psi, q[8] * bent_1, q[9] * bent_2, 0.0, q[8] * slope_1, q[9] * slope_2, 0.0, 0.0
-
-
-@merged
-def _svk(c11, c22, c12, q):
-    """W, S (3) and CC (6) of Green's strain without bends."""
-    psi, t1, t2, t3, h11, h22, h33, h12 = straight_potential(
-        0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
-    )
-    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
-
-
-@merged
-def _svk_bends(c11, c22, c12, q):
-    """What the bends add to `_svk`."""
-    psi, t1, t2, t3, h11, h22, h33, h12 = _bent_potential(0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), q)
-    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
-
-
-@merged
-def _hencky(c11, c22, c12, q):
-    """W, S (3) and CC (6) of the logarithmic strain without bends."""
-    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
-    area, g, g_s, g_ss = _log_terms(m, h * h + c12 * c12)
-    at = straight_potential(0.5 * (area + g * h), 0.5 * (area - g * h), g * c12, q)
-    return pull_back(m, h, c12, g, g_s, g_ss, at)
-
-
-@merged
-def _hencky_bends(c11, c22, c12, q):
-    """What the bends add to `_hencky`."""
-    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
-    area, g, g_s, g_ss = _log_terms(m, h * h + c12 * c12)
-    at = _bent_potential(0.5 * (area + g * h), 0.5 * (area - g * h), q)
-    return pull_back(m, h, c12, g, g_s, g_ss, at)
 
 
 @merged
@@ -181,37 +73,17 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
     plain : (LANES,) array
         Overwritten with 1, and 0 where `relaxation.respond` has to be asked.
     """
-    bent = q[8] != 0.0 or q[9] != 0.0
-    if law == 1:
+    if law.vectorised:
         for c in range(LANES):
-            put_in_lane(at, c, weight[c], _svk(strain[0, c], strain[1, c], strain[2, c], q))
-        if bent:
+            found = law.straight_in_lanes(strain[0, c], strain[1, c], strain[2, c], q)
+            put_in_lane(at, c, weight[c], found)
+        if is_bent(q):
             for c in range(LANES):
-                found = _svk_bends(strain[0, c], strain[1, c], strain[2, c], q)
+                found = law.bends_in_lanes(strain[0, c], strain[1, c], strain[2, c], q)
                 _add_in_lane(at, c, weight[c], found)
+        find_plain(strain, at[1:4], weight, q, relax, natural, plain)
     else:
-        for c in range(LANES):
-            put_in_lane(at, c, weight[c], _hencky(strain[0, c], strain[1, c], strain[2, c], q))
-        if bent:
-            for c in range(LANES):
-                found = _hencky_bends(strain[0, c], strain[1, c], strain[2, c], q)
-                _add_in_lane(at, c, weight[c], found)
-    find_plain(strain, at[1:4], weight, q, relax, natural, plain)
-
-
-@merged
-def _svk_stiffness(c11, c22, c12, q):
-    """∂(S11, S22, S12)/∂ each of D11, D22, D12, D33, of Green's strain."""
-    e1, e2 = 0.5 * (c11 - 1.0) - q[4], 0.5 * (c22 - 1.0) - q[5]
-    return (e1, 0.0, 0.0), (0.0, e2, 0.0), (e2, e1, 0.0), (0.0, 0.0, c12)
-
-
-@merged
-def _hencky_measure(c11, c22, c12):
-    """The logarithmic strain and its derivatives, as `laws` has them."""
-    m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
-    area, g, g_s, _ = _log_terms(m, h * h + c12 * c12)
-    return log_strain(m, h, c12, area, g, g_s)
+        plain[:] = 0.0
 
 
 @merged
@@ -241,16 +113,11 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
         Overwritten with S times the weight, as far as it is due to D. Positive gains only add
         tension, the logarithm being operator monotone; with others, or bends, no point is plain.
     """
-    if law == 1:
-        for c in range(LANES):
-            by_d = _svk_stiffness(strain[0, c], strain[1, c], strain[2, c], q)
-            _put_stiffness(found, stress, c, weight[c], by_d, q)
-    else:
-        for c in range(LANES):
-            by_d = by_stiffness(_hencky_measure(strain[0, c], strain[1, c], strain[2, c]), q)
-            _put_stiffness(found, stress, c, weight[c], by_d, q)
+    for c in range(LANES):
+        by_d = law.by_stiffness_in_lanes(strain[0, c], strain[1, c], strain[2, c], q)
+        _put_stiffness(found, stress, c, weight[c], by_d, q)
     find_plain(strain, stress, weight, q, relax, natural, plain)
-    if q[6] < 0.0 or q[7] < 0.0 or q[8] != 0.0 or q[9] != 0.0:
+    if q[6] < 0.0 or q[7] < 0.0 or is_bent(q):
         plain[:] = 0.0
 
 
@@ -258,12 +125,7 @@ def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, pl
 def measure_in_lanes(strain, law, measure):
     """Strain in the law's measure and its derivatives, as `laws` has them, into (12, LANES)."""
     for c in range(LANES):
-        c11, c22, c12 = strain[0, c], strain[1, c], strain[2, c]
-        if law == 1:
-            e1, e2 = 0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0)
-            found = e1, e2, c12, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-        else:
-            found = _hencky_measure(c11, c22, c12)
+        found = law.measure_in_lanes(strain[0, c], strain[1, c], strain[2, c])
         measure[0, c], measure[1, c], measure[2, c] = found[0], found[1], found[2]
         measure[3, c], measure[4, c], measure[5, c] = found[3], found[4], found[5]
         measure[6, c], measure[7, c], measure[8, c] = found[6], found[7], found[8]
@@ -273,7 +135,6 @@ def measure_in_lanes(strain, law, measure):
 @inlined
 def stress_in_lanes(measure, weight, q, stress):
     """S (3) times a weight, of taut points whose strain is known, into (3, LANES)."""
-    bent = q[8] != 0.0 or q[9] != 0.0
     for c in range(LANES):
         _, t1, t2, t3, _, _, _, _ = straight_potential(
             measure[0, c], measure[1, c], measure[2, c], q
@@ -281,9 +142,9 @@ def stress_in_lanes(measure, weight, q, stress):
         t1, t2, t3 = weight[c] * t1, weight[c] * t2, weight[c] * t3
         for i in range(3):
             stress[i, c] = t1 * measure[3 + i, c] + t2 * measure[6 + i, c] + t3 * measure[9 + i, c]
-    if bent:
+    if is_bent(q):
         for c in range(LANES):
-            _, t1, t2, _, _, _, _, _ = _bent_potential(measure[0, c], measure[1, c], q)
+            _, t1, t2, _, _, _, _, _ = bent_potential(measure[0, c], measure[1, c], q)
             t1, t2 = weight[c] * t1, weight[c] * t2
             for i in range(3):
                 stress[i, c] += t1 * measure[3 + i, c] + t2 * measure[6 + i, c]
@@ -294,15 +155,15 @@ def _is_plain(c11, c22, c12, s11, s22, s12, modulus, relax, natural):
     """True where a point is taut (stress and modulus times a weight) and near the natural state."""
     m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
     s = h * h + c12 * c12
-    u = _log_argument(m * m - s)
-    near = (c11 > 0.0) & (m * m > s) & (s < _NEAR * m * m) & (u * u < _NEAR)
+    u = log_argument(m * m - s)
+    near = (c11 > 0.0) & (m * m > s) & (s < NEAR * m * m) & (u * u < NEAR)
     loose = is_slack(c11, c22, c12, natural) | is_compressed(s11, s22, s12, modulus)
     return near & (not (relax & loose))
 
 
 @inlined
 def find_plain(strain, stress, weight, q, relax, natural, plain):
-    """Tell the points that are taut and near the natural state."""
+    """Tell the points that are taut and near the natural state, where the lanes' series hold."""
     for c in range(LANES):
         taut = _is_plain(
             strain[0, c], strain[1, c], strain[2, c], stress[0, c], stress[1, c], stress[2, c],

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from numba.extending import get_cython_function_address
 from numpy.typing import NDArray
-from scipy.linalg import cython_lapack
 
 __all__ = ["dgbtrf", "dgbtrs", "dpbtrf"]
 
@@ -24,15 +24,7 @@ Pivots = NDArray[np.intc]
 @cache
 def _routine(name: str, arguments: int) -> Callable[..., None]:
     """A Fortran subroutine: every argument is an address."""
-    capsule = cython_lapack.__pyx_capi__[name]
-    read_name, read_pointer = (
-        ctypes.pythonapi.PyCapsule_GetName,
-        ctypes.pythonapi.PyCapsule_GetPointer,
-    )
-    read_name.restype, read_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    read_pointer.restype = ctypes.c_void_p
-    read_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
-    address = read_pointer(capsule, read_name(capsule))
+    address = get_cython_function_address("scipy.linalg.cython_lapack", name)
     return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
 
 

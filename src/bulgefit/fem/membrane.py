@@ -17,6 +17,7 @@ from bulgefit.fem.kernels import (
     assemble_sensitivity,
 )
 from bulgefit.fem.laws import LAWS
+from bulgefit.fem.laws.potential import KNOTS, PARAMETERS
 from bulgefit.fem.linear import Factor, LinearSolver, make_solver
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.ties import Ties
@@ -28,6 +29,8 @@ Floats = NDArray[np.float64]
 NO_TANGENT, NO_FIELDS, NO_RATES = np.empty(0), np.empty((0, 0, 3)), np.empty(0)
 #: Every entry of the cells' matrices counts once.
 ONCE = np.empty((0, 78))
+#: Step of central differences, relative: they are off by its square, and by rounding over it.
+_DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,10 @@ class Fabric:
         The slope of stress along warp and fill changes by this beyond the knee, in tension.
     knee : (2,) tuple
         Elastic strain along warp and fill at which half of the bend is reached, 1.
+    curve : (2, 6) array or None
+        Logarithm of the slope of stress along warp and fill, over the modulus in uniaxial tension,
+        at the elastic strains `KNOTS`: linear between them, constant beyond, so that the stress
+        along either is a smooth monotone function of its strain. None: straight, as zeros.
     compliance : float, mm per N/mm, or None
         The rim moves inwards by this times the radial edge traction; None: it is held.
     """
@@ -86,12 +93,46 @@ class Fabric:
     gain: tuple[float, float] = (0.0, 0.0)
     bend: tuple[float, float] = (0.0, 0.0)
     knee: tuple[float, float] = (0.01, 0.01)
+    curve: Floats | None = None
     compliance: float | None = None
 
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
-        """What the kernels call q: twelve numbers."""
+        """What the kernels call q, as `laws.potential.PARAMETERS` names it.
+
+        Raises
+        ------
+        InputError
+            A curve that is none, or whose slopes leave no positive definite law.
+        """
         own = *self.slack, *self.gain, *self.bend, *self.knee
-        return tuple(float(v) for v in (*stiffness, *own))
+        curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel()
+        return tuple(float(v) for v in (*stiffness, *own, *curve))
+
+
+_NO_CURVE = np.zeros(2 * len(KNOTS))
+
+
+def _excess(curve: Floats, stiffness: Floats) -> Floats:
+    """Slopes (2, K) MPa at the knots over the moduli E1, E2, of logarithms (2, K).
+
+    The stiffness D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive definite
+    where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
+    """
+    curve = np.asarray(curve, dtype=float)
+    if curve.shape != (2, len(KNOTS)) or not np.isfinite(curve).all():
+        raise InputError(
+            f"curve: expected 2 x {len(KNOTS)} finite logarithms of slopes, got {curve.tolist()}"
+        )
+    d11, d22, d12, _ = stiffness
+    contraction = d12**2 / (d11 * d22)  # ν12 ν21
+    warp, fill = np.minimum(np.exp(curve.min(axis=1)), 1.0)
+    if not warp * fill > contraction * (1.0 - warp) * (1.0 - fill):
+        raise InputError(
+            f"curve: slopes of {warp:.3g} E1 and {fill:.3g} E2 leave no positive strain energy "
+            f"with nu12 nu21 = {contraction:.3g}; raise the lowest slopes"
+        )
+    moduli = (1.0 - contraction) * np.array([d11, d22])
+    return moduli[:, None] * np.expm1(curve)
 
 
 class Membrane:
@@ -101,7 +142,8 @@ class Membrane:
     ----------
     mesh : Mesh
     thickness : float, mm
-    law : {"hencky", "svk"}
+    law : str
+        A name in `bulgefit.fem.laws.LAWS`.
     relaxation : bool
         Tension-field relaxation: no compression. Off, the fabric carries compression as a sheet
         that cannot buckle.
@@ -284,17 +326,34 @@ class Membrane:
 
     def stiffness_force(self, displacement: Floats, stiffness: Floats) -> Floats:
         """∂R/∂(D11, D22, D12, D33) at fixed displacement, (4, N) mm²."""
+        law = LAWS[self.law]
+        if law.by_stiffness is None or self.fabric.curve is not None:
+            return self._stiffness_differences(displacement, stiffness)
         out = np.empty((4, *self.reference.shape))
         ok = assemble_sensitivity(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
-            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, out,
+            self.law_parameters(stiffness), law, self.relaxation, out,
         )  # fmt: skip
         if not ok:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")
         return self.gather(out)
 
+    def _stiffness_differences(self, displacement: Floats, stiffness: Floats) -> Floats:
+        """`stiffness_force` where the moduli enter the law in other ways, too."""
+        steps = _DIFFERENCE * np.diag(np.maximum(stiffness, _DIFFERENCE * stiffness.max()))
+        below, above = (
+            np.array([self.law_parameters(stiffness + sign * step) for step in steps])
+            for sign in (-1, 1)
+        )
+        return self.law_changes(displacement, below, above) / (2.0 * np.diag(steps)[:, None])
+
     def law_changes(self, displacement: Floats, before: Floats, after: Floats) -> Floats:
-        """Changes of R with the law's parameters (k, 12), at fixed displacement: (k, N) N."""
+        """Changes of R with the law's parameters (k, 24), at fixed displacement: (k, N) N."""
+        for q in (before, after):
+            if q.shape != (len(before), len(PARAMETERS)):
+                raise InputError(
+                    f"parameters of the law: expected (k, {len(PARAMETERS)}), got {q.shape}"
+                )
         out = np.empty((len(before), *self.reference.shape))
         ok = assemble_law_changes(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
@@ -305,7 +364,7 @@ class Membrane:
         return self.gather(out)
 
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
-        """What the kernels call q: twelve numbers."""
+        """What the kernels call q, of this stiffness (4,) and the fabric."""
         return self.fabric.law_parameters(stiffness)
 
     def factorise(self, state: State, shift: float = 0.0, *, spent: bool = False) -> Factor:

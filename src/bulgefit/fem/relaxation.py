@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 from bulgefit.fem.jit import compiled, inner, merged
-from bulgefit.fem.laws import response, stress_by_stiffness
 
 __all__ = [
     "SLACK",
@@ -19,7 +18,6 @@ __all__ = [
     "WRINKLED",
     "is_compressed",
     "is_slack",
-    "natural_state",
     "point_response",
     "respond",
     "stress_sensitivity",
@@ -29,14 +27,6 @@ TAUT, WRINKLED, SLACK = 0, 1, 2
 
 #: W, S and CC of a point without stress.
 _NOTHING = (0.0,) * 10
-
-
-@merged
-def natural_state(q, law):
-    """C11 and C22 of the natural state C0."""
-    if law == 1:
-        return 1.0 + 2.0 * q[4], 1.0 + 2.0 * q[5]
-    return math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
 
 
 @merged
@@ -61,14 +51,14 @@ def _wrinkle(c11, c22, c12, q, law, at):
     Parameters
     ----------
     at : tuple
-        `response` at C.
+        `Law.response` at C.
 
     Returns
     -------
     converged : bool
     a1, a2 : float
     at : tuple
-        `response` at the minimum.
+        `Law.response` at the minimum.
     """
     # Start: most compressed direction n of S, and the amplitude that frees it to first order.
     s11, s22, s12 = at[1], at[2], at[3]
@@ -83,7 +73,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
     amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
     a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
-    at = response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
+    at = law.response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
     for _ in range(60):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
@@ -104,7 +94,7 @@ def _wrinkle(c11, c22, c12, q, law, at):
         step = 1.0
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
-            at = response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q, law)
+            at = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)
             # strains carry a rounding error of 1e-16, and the energy with them
             if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
                 break
@@ -152,7 +142,7 @@ def _condense(a1, a2, at):
 @inner
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = response(c11, c22, c12, q, law)
+    at = law.response(c11, c22, c12, q)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
     return (WRINKLED if converged else -1), a1, a2, at
 
@@ -162,9 +152,9 @@ def respond(c11, c22, c12, q, law, relax):
     """State of a material point, and W, S (3), CC (6), as `point_response` explains them."""
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1, _NOTHING
-    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
+    if relax and is_slack(c11, c22, c12, law.natural(q)):
         return SLACK, _NOTHING
-    at = response(c11, c22, c12, q, law)
+    at = law.response(c11, c22, c12, q)
     if not relax or not is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         return TAUT, at
     state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
@@ -179,11 +169,10 @@ def point_response(c11, c22, c12, q, law, relax, out):
     ----------
     c11, c22, c12 : float
         Right Cauchy-Green tensor in material axes.
-    q : tuple of 12, MPa and 1
-        Plane-stress stiffness, slack, gains and knee, as `laws.response` takes them. A tuple, whose
-        length the compiler checks; an array that is too short would be read past its end.
-    law : int
-        A value of `LAWS`.
+    q : tuple of floats
+        As `laws.potential.PARAMETERS` names them. A tuple, whose length the compiler checks; an
+        array that is too short would be read past its end.
+    law : Law
     relax : bool
         Tension-field relaxation.
     out : (10,) array
@@ -218,19 +207,19 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
     nothing = (zero, zero, zero, zero)
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
         return -1, nothing
-    if relax and is_slack(c11, c22, c12, natural_state(q, law)):
+    if relax and is_slack(c11, c22, c12, law.natural(q)):
         return SLACK, nothing
-    at = response(c11, c22, c12, q, law)
+    at = law.response(c11, c22, c12, q)
     if relax and is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
-        found = stress_by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q, law)
+        found = law.by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
         return state, (
             _take_out(a1, a2, at, found[0]),
             _take_out(a1, a2, at, found[1]),
             _take_out(a1, a2, at, found[2]),
             _take_out(a1, a2, at, found[3]),
         )
-    return TAUT, stress_by_stiffness(c11, c22, c12, q, law)
+    return TAUT, law.by_stiffness(c11, c22, c12, q)
 
 
 @inner

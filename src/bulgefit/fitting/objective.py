@@ -289,11 +289,14 @@ class Objective:
         )
 
     def places(self) -> Iterator[tuple[int, _View, NDArray[np.intp]]]:
-        """Test, view and points of each of `looks`."""
+        """Test, view and points of each of `looks`, of the sample where there is one."""
         for i, part in enumerate(self._parts):
             for view in part.views:
-                for chunk in _chunks(view.points):
+                for chunk in _chunks(self._sampled(view)):
                     yield i, view, chunk
+
+    def _sampled(self, view: _View) -> NDArray[np.intp]:
+        return _some(view.points, self._kept) if self.is_sampled else view.points
 
     def looks(
         self,
@@ -305,10 +308,8 @@ class Objective:
         """Residuals of what the objective compares, some points at a time."""
         for i, part in enumerate(self._parts):
             for view in part.views:
-                points, scale = view.points, part.scale(view)
-                if sampled and self.is_sampled:
-                    points = _some(points, self._kept)
-                    scale = scale * (len(view.points) / len(points))
+                points = self._sampled(view) if sampled else view.points
+                scale = part.scale(view) * (len(view.points) / len(points))
                 for chunk in _chunks(points):
                     yield self._look(
                         i, view, chunk, scale, shapes, () if names is None else names[i]

@@ -24,7 +24,7 @@ from scipy.stats import t as student
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.fitting.objective import Look
+from bulgefit.fitting.objective import SAMPLE, Look
 from bulgefit.fitting.problem import Problem
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import mesh_remainder
@@ -170,6 +170,9 @@ class _Sums:
         self._of_cells: dict[tuple[int, ...], Floats] = {}
         self._of_blocks: dict[tuple[int, ...], Floats] = {}
         self._size = size
+        # a median needs no more of very many residuals
+        self._every = max(1, problem.objective.count // SAMPLE)
+        self._curvatures: dict[tuple[int, int], float] = {}
         self._ranks = [np.argsort(np.argsort(test.pressure)) for test in self.tests]
 
     def jacobian(self, look: Look) -> Floats:
@@ -189,7 +192,8 @@ class _Sums:
             gram = part.T @ (part * weight[:, :, c].reshape(-1, 1))
             key = (look.test, c)
             self._grams[key] = self._grams.get(key, 0.0) + gram
-            self._residuals.setdefault(key, []).append(left[:, :, c][seen[:, :, c]])
+            some = left[:, :, c][seen[:, :, c]][:: self._every]
+            self._residuals.setdefault(key, []).append(some)
         self._cluster(look, score)
 
     def _cluster(self, look: Look, score: Floats) -> None:
@@ -231,14 +235,14 @@ class _Sums:
         return out
 
     def curvature(self, key: tuple[int, int]) -> float:
-        """E[ρ''] of a test's component."""
+        """E[ρ''] of a test's component, once all points are in."""
         if self.squared:
             return 1.0
-        left = np.concatenate(self._residuals[key])
-        if not len(left):
-            return 0.0
-        deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9)
-        return float(np.sqrt(2.0 / np.pi) / deviation)
+        if key not in self._curvatures:
+            left = np.concatenate(self._residuals[key])
+            deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9) if len(left) else np.inf
+            self._curvatures[key] = float(np.sqrt(2.0 / np.pi) / deviation)
+        return self._curvatures[key]
 
     def cells(self) -> Floats:
         """B by cells of frames."""
@@ -306,7 +310,9 @@ def _moved(
     ]
     pull = np.zeros(problem.size)
     for (part, view, chunk), look in zip(
-        objective.places(), objective.looks(shapes, problem.names_of_tests()), strict=True
+        objective.places(),
+        objective.looks(shapes, problem.names_of_tests(), sampled=True),
+        strict=True,
     ):
         here = objective.virtual[part].observe(shapes[part], (), view.block, chunk)
         twin, there = others[part]

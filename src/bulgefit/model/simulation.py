@@ -14,7 +14,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.equilibrium import NewtonError, solve
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.relaxation import SLACK, TAUT, point_response
@@ -27,6 +27,8 @@ from bulgefit.model.description import (
     null_values,
 )
 from bulgefit.model.parameters import Material, material
+from bulgefit.model.richardson import richardson
+from bulgefit.model.smooth import smooth_value
 
 __all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
 
@@ -62,6 +64,9 @@ class Simulation:
     factorisations : int
     seconds : float, s
         Wall time of the solution, first compilation included.
+    mesh_error_taken_off, mesh_error : float or None, mm
+        Largest change that took the mesh's error off, and largest of what is left of it; None
+        where it was not taken off, or is not known.
     """
 
     membrane: Membrane
@@ -74,6 +79,8 @@ class Simulation:
     stable: bool
     factorisations: int
     seconds: float
+    mesh_error_taken_off: float | None = None
+    mesh_error: float | None = None
 
     @property
     def mesh(self) -> Mesh:
@@ -96,10 +103,10 @@ class Simulation:
         Returns
         -------
         dict of (m,) arrays
-            `strain_11`, `strain_22`, `strain_12` (tensor components; logarithmic strain under
-            hencky, Green-Lagrange under svk; wrinkles included), `stress_11`, `stress_22`,
-            `stress_12` (second Piola-Kirchhoff, MPa of the undeformed section) and `wrinkled`
-            (share of the cell's Gauss points without tension in some direction).
+            `strain_11`, `strain_22`, `strain_12` (tensor components of the law's own strain:
+            logarithmic under hencky, Green-Lagrange under svk; wrinkles included), `stress_11`,
+            `stress_22`, `stress_12` (second Piola-Kirchhoff, MPa of the undeformed section) and
+            `wrinkled` (share of the cell's Gauss points without tension in some direction).
         """
         membrane = self.membrane
         corners = (membrane.reference + self.displacement[index])[self.mesh.cells]
@@ -112,12 +119,12 @@ class Simulation:
             state[at] = point_response(
                 c[at][0, 0], c[at][1, 1], c[at][0, 1], q, law, membrane.relaxation, out[at]
             )
-        strain = 0.5 * (_logarithm(c) if membrane.law == "hencky" else c - np.eye(2))
+        e11, e22, shear = law.strain(np.array([c[..., 0, 0], c[..., 1, 1], c[..., 0, 1]]))
         share = np.where(state == SLACK, 1, state != TAUT)
         return {
-            "strain_11": strain[..., 0, 0].mean(axis=1),
-            "strain_22": strain[..., 1, 1].mean(axis=1),
-            "strain_12": strain[..., 0, 1].mean(axis=1),
+            "strain_11": e11.mean(axis=1),
+            "strain_22": e22.mean(axis=1),
+            "strain_12": 0.5 * shear.mean(axis=1),
             "stress_11": out[..., 1].mean(axis=1),
             "stress_22": out[..., 2].mean(axis=1),
             "stress_12": out[..., 3].mean(axis=1),
@@ -130,6 +137,8 @@ def simulate(
     pressure: ArrayLike,
     *,
     mesh: Mesh | None = None,
+    refine: int = DEFAULT_REFINE,
+    correct_mesh: bool = True,
     radius: float = 100.0,
     thickness: float = 0.81,
     law: str = "hencky",
@@ -149,7 +158,11 @@ def simulate(
         In any order (1 bar = 0.1 MPa). Up to `BALANCED_UP_TO` of them are balanced one by one;
         more are read off the dense output of the path, within `tolerance`.
     mesh : Mesh, optional
-        By default bulgefit's own O-grid of the radius.
+        By default bulgefit's own O-grid of the radius, `refine` times refined.
+    refine : int
+    correct_mesh : bool
+        Take the error of bulgefit's own mesh off, as a finer one tells it; that of a given mesh
+        stays.
     radius, thickness : float, mm
         `radius` is for the default mesh.
     law : {"hencky", "svk"}
@@ -179,8 +192,9 @@ def simulate(
         raise InputError(f"angle must be finite, got {angle:g} degree")
     if not isinstance(parameters, Material):
         parameters = material("orthotropic", **parameters)
+    own = mesh is None
     if mesh is None:
-        mesh = disc(radius)
+        mesh = disc(radius, refine)
     if mesh.apex in mesh.rim:
         raise InputError(
             "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
@@ -196,52 +210,109 @@ def simulate(
         solver=linear_solver,
         fabric=given.fabric,
     )
-    stiffness = given.stiffness
-    recorded, loads = loads, _pressures(given.load.balanced)
+    balanced = _pressures(given.load.balanced)
     with threadpool_limits(1):  # so that results do not depend on the machine's cores
-        path = trace_by_quarter(
-            membrane,
-            stiffness,
-            (min(_LOWEST, loads.min()), loads.max()),
-            tolerance=tolerance,
-            parameters=parameters.values,
-        )
-        displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
-        balanced = len(loads) <= BALANCED_UP_TO
-        if balanced:
-            for i, load in enumerate(loads):
-                if np.isclose(load, path.pressure, rtol=1e-14, atol=0.0).any():
-                    continue
-                try:
-                    balance = solve(membrane, displacement[i], load, stiffness, follow=True)
-                except NewtonError as error:
-                    raise SolveError(
-                        f"no equilibrium near the traced path: {error.reason}",
-                        pressure=load,
-                        reached=path.pressure[path.pressure < load].max(),
-                        iteration=error.iteration,
-                        residual_norm=error.residual_norm,
-                        parameters=parameters.values,
-                    ) from error
-                displacement[i] = balance.displacement
-                work += balance.factorisations
-                stable = stable and balance.stable
+        found = _balanced(membrane, given.stiffness, balanced, tolerance, parameters)
+        correction, left = None, None
+        if own and correct_mesh:
+            correction, left = _mesh_error(
+                membrane, radius, refine, found.displacement, parameters, effects or {}, loads,
+                tolerance,
+            )  # fmt: skip
+        displacement = found.displacement if correction is None else found.displacement + correction
         wrinkled = [
-            membrane.state(u, p, stiffness, tangent=False).wrinkled
-            for u, p in zip(displacement, loads, strict=True)
+            membrane.state(u, p, given.stiffness, tangent=False).wrinkled
+            for u, p in zip(found.displacement, balanced, strict=True)
         ]
     return Simulation(
         membrane=membrane,
         material=parameters,
-        pressure=recorded,
+        pressure=loads,
         displacement=displacement,
-        path=path,
-        error=0.0 if balanced else path.error_estimate,
+        path=found.path,
+        error=found.error,
         wrinkled=np.array(wrinkled),
-        stable=stable,
-        factorisations=work,
+        stable=found.stable,
+        factorisations=found.work,
         seconds=time.perf_counter() - began,
+        mesh_error_taken_off=None if correction is None else float(np.abs(correction).max()),
+        mesh_error=left,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Shapes of one mesh."""
+
+    displacement: Floats
+    path: Path
+    error: float
+    stable: bool
+    work: int
+
+
+def _balanced(
+    membrane: Membrane, stiffness: Floats, loads: Floats, tolerance: float, made: Material
+) -> _Solved:
+    """A path, and each shape balanced on its own where they are few; raises SolveError."""
+    path = trace_by_quarter(
+        membrane,
+        stiffness,
+        (min(_LOWEST, loads.min()), loads.max()),
+        tolerance=tolerance,
+        parameters=made.values,
+    )
+    displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
+    if len(loads) > BALANCED_UP_TO:
+        return _Solved(displacement, path, path.error_estimate, stable, work)
+    for i, load in enumerate(loads):
+        if np.isclose(load, path.pressure, rtol=1e-14, atol=0.0).any():
+            continue
+        try:
+            balance = solve(membrane, displacement[i], load, stiffness, follow=True)
+        except NewtonError as error:
+            raise SolveError(
+                f"no equilibrium near the traced path: {error.reason}",
+                pressure=load,
+                reached=path.pressure[path.pressure < load].max(),
+                iteration=error.iteration,
+                residual_norm=error.residual_norm,
+                parameters=made.values,
+            ) from error
+        displacement[i] = balance.displacement
+        work += balance.factorisations
+        stable = stable and balance.stable
+    return _Solved(displacement, path, 0.0, stable, work)
+
+
+def _mesh_error(
+    like: Membrane,
+    radius: float,
+    refine: int,
+    here: Floats,
+    made: Material,
+    effects: Mapping[str, float],
+    loads: Floats,
+    tolerance: float,
+) -> tuple[Floats | None, float | None]:
+    """What takes the mesh's error off (k, n, 3) mm, and the largest of what is left of it, mm."""
+
+    def on(other: int) -> Floats:
+        mesh = disc(radius, other)
+        given = _described(mesh, made, loads, effects)
+        membrane = Membrane(
+            mesh, like.thickness, like.law, relaxation=like.relaxation, angle=like.angle,
+            solver=like.forced, fabric=given.fabric,
+        )  # fmt: skip
+        balanced = _pressures(given.load.balanced)
+        there = _balanced(membrane, given.stiffness, balanced, tolerance, made).displacement
+        back = smooth_value(mesh.nodes, like.mesh.nodes)
+        return np.stack([back @ one for one in there])
+
+    try:
+        return richardson(refine, here, on)
+    except SolveError:
+        return None, None
 
 
 def _described(
@@ -266,9 +337,3 @@ def _pressures(pressure: ArrayLike) -> Floats:
     if len(bad):
         raise InputError(f"pressures must be above 0, got {10 * bad[0]:g} bar")
     return loads
-
-
-def _logarithm(c: Floats) -> Floats:
-    """ln of symmetric positive definite (..., 2, 2) tensors."""
-    values, vectors = np.linalg.eigh(c)
-    return np.asarray(np.einsum("...ik,...k,...jk->...ij", vectors, np.log(values), vectors))

@@ -3,22 +3,13 @@
 An executor is one of `concurrent.futures`: threads, processes, or a Dask client's. Results come in
 the order of the items, so that they do not depend on who did what.
 
-What a call shares goes to each other process once. Objects of a kind that is marked `sent_once`
-(measured data) travel apart from the rest, by a name of their own, so that a process that has
-them from an earlier call is not sent them again.
+What a call shares goes to each other process once (see `parcels`). joblib does not stand here,
+since it gives all up with a worker that dies (docs/house.md).
 """
 
 from __future__ import annotations
 
-import hashlib
-import io
-import os
-import pickle
-import socket
-import tempfile
-import threading
-import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -27,20 +18,13 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import contextmanager, suppress
-from pathlib import Path
-from typing import Any, TypeVar
-from urllib.parse import urlsplit
-from uuid import uuid4
+from typing import Any
 
 from bulgefit.errors import BulgefitError
+from bulgefit.parallel.cluster import client_of, is_there
+from bulgefit.parallel.parcels import sent
 
-__all__ = ["sent_once", "spread"]
-
-Kind = TypeVar("Kind", bound=type)
-
-#: Kinds that are `sent_once`.
-_once: tuple[type, ...] = ()
+__all__ = ["spread"]
 
 #: Seconds without a result after which a scheduler is asked whether it is still there.
 SILENCE = 3.0
@@ -77,7 +61,7 @@ def spread(
     """
     left, found = dict(enumerate(items)), dict[int, Any]()
     for _ in range(ROUNDS):
-        with _sent(executor, shared) as handles:
+        with sent(executor, shared) as handles:
             for index, result in _results(executor, task, handles, left):
                 found[index] = result
                 del left[index]
@@ -89,16 +73,6 @@ def spread(
         f"{len(left)} of {len(items)} tasks were lost {ROUNDS} times with the processes that did "
         "them, which may lack memory: use fewer workers, or larger machines"
     )
-
-
-def sent_once(kind: Kind) -> Kind:
-    """Mark a class whose objects never change: each process is sent each of them once.
-
-    They are told apart by identity, and may be weakly referred to.
-    """
-    global _once
-    _once += (kind,)
-    return kind
 
 
 def _results(
@@ -115,7 +89,7 @@ def _results(
         waiting = set(futures)
         while waiting:
             finished, waiting = wait(waiting, SILENCE, FIRST_COMPLETED)
-            if not finished and not _is_there(executor):
+            if not finished and not is_there(executor, SILENCE):
                 break  # nobody is left who would finish or cancel them
             for future in finished:
                 try:
@@ -147,8 +121,8 @@ def _told(error: Exception) -> Exception:
 
 def _renew(executor: Executor) -> None:
     """Make the executor ready for another round, or say why it cannot be."""
-    client = _client_of(executor)
-    if client is not None and _is_there(executor):
+    client = client_of(executor)
+    if client is not None and is_there(executor, SILENCE):
         return  # the cluster has other workers, or starts new ones
     if client is not None:
         raise BulgefitError("the cluster's scheduler was lost; start it and run this again")
@@ -159,222 +133,3 @@ def _renew(executor: Executor) -> None:
             "again with fewer workers"
         )
     renew()
-
-
-def _is_there(executor: Executor) -> bool:
-    """Whether the scheduler of a cluster still answers; a client may not notice that it does not.
-
-    Executors of this machine cancel what they lose.
-    """
-    client = _client_of(executor)
-    if client is None:
-        return True
-    if client.status != "running":
-        return False
-    place = urlsplit(client.scheduler.address)
-    if place.scheme not in ("tcp", "tls"):
-        return True
-    try:
-        with socket.create_connection((place.hostname, place.port), SILENCE):
-            return True
-    except OSError:
-        return False
-
-
-def _client_of(executor: Executor) -> Any:
-    """The Dask client behind an executor, or None."""
-    client = getattr(executor, "_client", None)  # Client.get_executor() has no public name for it
-    return client if hasattr(client, "scatter") else None
-
-
-@contextmanager
-def _sent(executor: Executor, shared: Any) -> Iterator[list[Any]]:
-    """What opens as `shared` wherever a task asks for it, and the parts that it is opened with."""
-    client = _client_of(executor)
-    if client is not None and shared is not None:
-        yield _scattered(client, shared)
-        return
-    here = _Here(shared)
-    try:
-        yield [here]
-    finally:
-        here.close()
-
-
-def _scattered(client: Any, shared: Any) -> list[Any]:
-    """What opens as `shared` on a cluster, and parcels with its parts, new ones in a single one."""
-    content, parts = _packed(shared)
-    labels = {name: _labels[part] for name, part in parts.items()}
-    missing = {n: parts[n] for n, label in labels.items() if not label.is_held_by(client)}
-    parcels = [_Parcel(content), *([_Parcel(_pickled(missing))] if missing else [])]
-    whole, *new = client.scatter(parcels, broadcast=True, hash=False)
-    for name in missing:
-        labels[name].cluster, labels[name].parcel = client.id, new[0]
-    return [whole, *{id(label.parcel): label.parcel for label in labels.values()}.values()]
-
-
-class _Here:
-    """Data at home. Other processes are told of files, which are written for the first of them."""
-
-    def __init__(self, value: Any) -> None:
-        self._value = value
-        self._lock = threading.Lock()
-        self._told: tuple[str, str, dict[str, str]] | None = None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        if self._value is None:
-            return _Here, (None,)
-        with self._lock:
-            if self._told is None:
-                content, parts = _packed(self._value)
-                files = {name: _filed_once(part) for name, part in parts.items()}
-                self._told = _filed(content), hashlib.sha256(content).hexdigest(), files
-        return _from_files, self._told
-
-    def opened(self, parts: Sequence[Any]) -> Any:
-        """The data; they came with their parts."""
-        return self._value
-
-    def close(self) -> None:
-        """Remove the file, if there is one; those of the parts stay for the next call."""
-        if self._told is not None:
-            _remove(self._told[0], os.getpid())
-
-
-class _Parcel:
-    """Pickled data, opened once in each process that is asked for them.
-
-    Workers pass it on to each other unopened. It is opened from bytes, since arrays that come
-    straight off the wire may lie at odd addresses, for which kernels would be compiled anew.
-    """
-
-    def __init__(self, content: bytes) -> None:
-        self._content = content
-        self._lock = threading.Lock()
-        self._opened: tuple[Any, ...] = ()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Parcel, (self._content,)
-
-    def __sizeof__(self) -> int:
-        # what Dask believes it holds: the pickle and what comes out of it
-        return 2 * len(self._content)
-
-    def opened(self, parts: Sequence[_Parcel] = ()) -> Any:
-        """What was packed; parts that travelled apart come from parcels of their own, by name."""
-        with self._lock:
-            if not self._opened:
-                found = {name: part for parcel in parts for name, part in parcel.opened().items()}
-                self._opened = (_unpacked(self._content, found),)
-            return self._opened[0]
-
-
-class _Label:
-    """What a part is called on its travels, and where it has been sent.
-
-    Attributes
-    ----------
-    name : str
-    file : str
-        For other processes of this machine; "" before it is written.
-    cluster, parcel : str, Future
-        Of Dask: the client that it was last scattered by, and the parcel it is in there.
-    """
-
-    def __init__(self) -> None:
-        self.name, self.file, self.cluster = uuid4().hex, "", ""
-        self.parcel: Any = None
-
-    def is_held_by(self, client: Any) -> bool:
-        """Whether the cluster has it, and has not lost it since."""
-        return bool(self.cluster == client.id and self.parcel.status == "finished")
-
-
-#: Of every part that was sent, as long as the part lives.
-_labels: weakref.WeakKeyDictionary[Any, _Label] = weakref.WeakKeyDictionary()
-_labelling = threading.Lock()
-
-
-class _Packer(pickle.Pickler):
-    """Pickles all but what is sent once, and tells that by its name."""
-
-    def __init__(self, file: io.BytesIO) -> None:
-        super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self.parts: dict[str, Any] = {}
-
-    def persistent_id(self, value: Any) -> str | None:
-        """The name of a part."""
-        if not isinstance(value, _once):
-            return None
-        with _labelling:
-            name = _labels.setdefault(value, _Label()).name
-        self.parts[name] = value
-        return name
-
-
-class _Unpacker(pickle.Unpickler):
-    def __init__(self, content: bytes, parts: Mapping[str, Any]) -> None:
-        super().__init__(io.BytesIO(content))
-        self._parts = parts
-
-    def persistent_load(self, name: str) -> Any:
-        """The part of that name."""
-        return self._parts[name]
-
-
-def _packed(value: Any) -> tuple[bytes, dict[str, Any]]:
-    """The pickle of all but the parts that are sent once, and those by name."""
-    file = io.BytesIO()
-    packer = _Packer(file)
-    packer.dump(value)
-    return file.getvalue(), packer.parts
-
-
-def _unpacked(content: bytes, parts: Mapping[str, Any]) -> Any:
-    return _Unpacker(content, parts).load()
-
-
-def _pickled(value: Any) -> bytes:
-    return pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-
-
-def _filed(content: bytes) -> str:
-    descriptor, file = tempfile.mkstemp(prefix="bulgefit-", suffix=".pickle")
-    with open(descriptor, "wb") as out:
-        out.write(content)
-    return file
-
-
-def _filed_once(part: Any) -> str:
-    """The file of a part, which stays as long as the part."""
-    label = _labels[part]
-    with _labelling:
-        if not label.file:
-            label.file = _filed(_pickled(part))
-            weakref.finalize(part, _remove, label.file, os.getpid())
-    return label.file
-
-
-def _remove(file: str, owner: int) -> None:
-    """Remove a file; not from a fork of the process that wrote it."""
-    if os.getpid() == owner:
-        with suppress(FileNotFoundError):
-            os.unlink(file)
-
-
-#: What this process was last sent by files: parts by name, and all by the checksum of its pickle.
-_parts: dict[str, Any] = {}
-_received: dict[str, _Here] = {}
-_receiving = threading.Lock()
-
-
-def _from_files(file: str, checksum: str, parts: Mapping[str, str]) -> _Here:
-    with _receiving:
-        if checksum not in _received:
-            _received.clear()  # the last is enough, and they are large
-            for name in _parts.keys() - parts.keys():
-                del _parts[name]
-            for name in parts.keys() - _parts.keys():
-                _parts[name] = pickle.loads(Path(parts[name]).read_bytes())
-            _received[checksum] = _Here(_unpacked(Path(file).read_bytes(), _parts))
-        return _received[checksum]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, TypeVar
 
-__all__ = ["one_blas_thread", "side_by_side"]
+__all__ = ["one_blas_thread", "pool_of", "side_by_side"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -54,5 +54,22 @@ def side_by_side(
     """`[task(item) for item in items]`, by so many threads; the first error in order is raised."""
     if threads == 1:
         return [task(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:
+    with pool_of(threads) as pool:
         return list(pool.map(task, items))
+
+
+@contextmanager
+def pool_of(threads: int) -> Iterator[ThreadPoolExecutor]:
+    """So many threads until the block ends; what was not started by then is dropped.
+
+    They end what they are at before the block does, unless it is left by a Ctrl-C: nothing can
+    stop a thread, and whoever gives up does not wait for what no one will ask for.
+    """
+    pool, wait = ThreadPoolExecutor(threads), True
+    try:
+        yield pool
+    except KeyboardInterrupt:
+        wait = False
+        raise
+    finally:
+        pool.shutdown(wait, cancel_futures=True)

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import platform
-import socket
-import struct
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any
-from urllib.parse import urlsplit
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
 
-from bulgefit.errors import InputError
+from bulgefit.parallel.cluster import opened
+from bulgefit.parallel.parcels import drop_files
+from bulgefit.parallel.processes import Processes
+from bulgefit.parallel.threads import pool_of
 
-__all__ = ["Processes", "open_executor"]
-
-#: Seconds within which a scheduler answers and has a worker.
-PATIENCE = 10.0
-
-#: The packages on which the bits of a result depend.
-_PACKAGES = ("bulgefit", "numpy", "scipy", "numba")
+__all__ = ["open_executor"]
 
 
 @contextmanager
@@ -47,142 +36,22 @@ def open_executor(
         No scheduler answers there, it has no workers, or they are not as this process is.
     """
     if scheduler is not None:
-        with _dask_is_quiet():
-            client = _connected(scheduler)
-            try:
-                yield client.get_executor(pure=False)
-            finally:
-                client.close()
-        return
-    pool: Executor = Processes(workers) if processes else ThreadPoolExecutor(workers)
-    try:
+        place = opened(scheduler)
+    else:
+        place = _processes(workers) if processes else pool_of(workers)
+    with place as pool:
         yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-class Processes(Executor):
-    """Fresh processes; after one has died, `renew` starts others."""
-
-    def __init__(self, workers: int) -> None:
-        self._workers = workers
-        self._pool = self._fresh()
-
-    def _fresh(self) -> ProcessPoolExecutor:
-        # spawned, so that they start the same everywhere and know nothing of this process
-        return ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """As every executor."""
-        return self._pool.submit(fn, *args, **kwargs)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every executor."""
-        self._pool.shutdown(wait, cancel_futures=cancel_futures)
-
-    def renew(self) -> None:
-        """Replace the processes."""
-        self._pool.shutdown(cancel_futures=True)
-        self._pool = self._fresh()
 
 
 @contextmanager
-def _dask_is_quiet() -> Iterator[None]:
-    """No tracebacks in Dask's log: what goes wrong is told by our errors."""
-    with suppress(ImportError):
-        import distributed  # noqa: F401  (sets the levels of its loggers when first imported)
-    loggers = [logging.getLogger(f"distributed.{name}") for name in ("client", "utils")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL)
+def _processes(workers: int) -> Iterator[Executor]:
+    """Processes that end with the block, at once where it is left by a Ctrl-C."""
+    pool = Processes(workers)
     try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-def _connected(address: str) -> Any:
-    """A client of the scheduler, whose workers have the packages of this process."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            "a scheduler needs the package distributed: pip install 'bulgefit[cluster]'"
-        ) from None
-    _check_answer(address)
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except Exception as error:
-        raise InputError(f"scheduler {address}: no Dask scheduler answers there") from error
-    try:
-        _check_workers(client, address)
-    except BaseException:
-        client.close()
+        yield pool
+    except KeyboardInterrupt:
+        pool.kill()
+        drop_files()
         raise
-    return client
-
-
-def _check_answer(address: str) -> None:
-    """Refuse an address where nothing speaks as a Dask scheduler does.
-
-    Asked here, since a client of Dask that finds none complains on its own later on.
-    """
-    parts = urlsplit(address)
-    try:
-        port = parts.port
-    except ValueError:
-        port = None
-    if parts.scheme not in ("tcp", "tls") or not parts.hostname or not port:
-        raise InputError(f"scheduler {address!r}: give its address as tcp://host:port")
-    try:
-        with socket.create_connection((parts.hostname, port), PATIENCE) as line:
-            if parts.scheme == "tcp":
-                # it speaks first: how many frames its greeting has, in eight bytes
-                greeting = line.recv(8, socket.MSG_WAITALL)
-                if len(greeting) < 8 or struct.unpack("<Q", greeting)[0] > 100:
-                    raise OSError("something else answers")
-    except OSError as error:
-        raise InputError(
-            f"scheduler {address}: no Dask scheduler answers there ({error.strerror or error}); "
-            "start one with `dask scheduler`, and name the address it prints"
-        ) from error
-
-
-def _check_workers(client: Any, address: str) -> None:
-    """Refuse a scheduler without workers, and workers that would give other bits."""
-    from distributed import TimeoutError as NoWorkers  # not the builtin one before Python 3.11
-
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE)
-    except NoWorkers:
-        raise InputError(
-            f"scheduler {address}: it has no workers; start some with `dask worker {address}`"
-        ) from None
-    ours = _versions()
-    try:
-        theirs = client.run(_versions)
-    except ImportError as error:
-        raise InputError(
-            f"scheduler {address}: its workers cannot load bulgefit ({error}); install there what "
-            "is installed here"
-        ) from error
-    for worker, found in theirs.items():
-        other = [f"{k} {found[k]} (here {ours[k]})" for k in ours if found[k] != ours[k]]
-        if other:
-            raise InputError(
-                f"scheduler {address}: worker {worker} has {', '.join(other)}; install there what "
-                "is installed here, or results would differ"
-            )
-
-
-def _versions() -> dict[str, str]:
-    python = ".".join(platform.python_version_tuple()[:2])
-    return {"python": python, **{name: _version(name) for name in _PACKAGES}}
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # run from its sources without being installed
-        return "not installed"
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -15,12 +15,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from itertools import count
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from numpy.random import SeedSequence, default_rng
+from numpy.random import SeedSequence
 
 from bulgefit.dic.readers import read_test
 from bulgefit.dic.writers import write_test
@@ -29,54 +30,15 @@ from bulgefit.files import atomic_write_text
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
-from bulgefit.trial.draw import FOREIGN, KINDS, KNOWN
+from bulgefit.trial.family import make_family
+from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe, make_test
+from bulgefit.trial.plan import FAMILY, interpolated, plan
 from bulgefit.trial.score import judge, score
 
-__all__ = ["SHARES", "diagnose_file", "plan", "run_trial", "score_folder", "seal"]
+__all__ = ["diagnose_files", "run_trial", "score_folder", "seal"]
 
 Diagnose = Callable[..., Any]
-
-#: Shares of kinds in a trial of all of them.
-SHARES = {"none": 0.2, "one": 0.5, "two": 0.1, "foreign": 0.2}
-
-
-def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str]:
-    """What each test of a trial is to be, in an order that tells nothing.
-
-    Parameters
-    ----------
-    number : int
-    seed : int
-    kinds : sequence of str, optional
-        Only these (`draw.KINDS`), equally often; default: all, in the shares of `SHARES`,
-        effects of a kind equally often.
-
-    Raises
-    ------
-    InputError
-        Number below 1 or an unknown kind.
-    """
-    if number < 1:
-        raise InputError(f"number of tests must be 1 or more, got {number}")
-    unknown = [k for k in kinds or () if k not in KINDS]
-    if unknown:
-        raise InputError(f"effects: {', '.join(unknown)} unknown; choose from {', '.join(KINDS)}")
-    rng = default_rng(SeedSequence([seed, 0]))
-
-    def cycle(names: Sequence[str], count: int) -> list[str]:
-        order = [names[i] for i in rng.permutation(len(names))]
-        return [order[i % len(order)] for i in range(count)]
-
-    if kinds:
-        chosen = cycle(list(kinds), number)
-    else:
-        counts = {kind: round(share * number) for kind, share in SHARES.items()}
-        counts["one"] += number - sum(counts.values())
-        groups = {"none": ["none"], "one": list(KNOWN), "two": ["two"], "foreign": list(FOREIGN)}
-        chosen = [name for kind in counts for name in cycle(groups[kind], max(0, counts[kind]))]
-        chosen = chosen[:number]
-    return [chosen[i] for i in rng.permutation(len(chosen))]
 
 
 def seal(text: str) -> str:
@@ -101,8 +63,8 @@ def run_trial(
 ) -> dict[str, Any]:
     """Make tests, seal their truth, diagnose them blind, open and score.
 
-    The folder gets `trial.json` (what was asked), `tests/*.npz`, `sealed/*.json`, `seals.txt` (as
-    sha256sum writes it) and `answers/*.json`.
+    The folder gets `trial.json` (what was asked), `tests/*.npz` (of a family one for each
+    specimen), `sealed/*.json`, `seals.txt` (as sha256sum writes it) and `answers/*.json`.
 
     Parameters
     ----------
@@ -115,12 +77,12 @@ def run_trial(
     workers : int
         Processes.
     recipe : Recipe, optional
-        How large the tests are.
+        How large the tests are; in a trial of all kinds a few have interpolated frames.
     options : mapping, optional
         Of the diagnosis.
     diagnose : callable
-        Called as `diagnose([test], **options)`, gives an object with `to_dict()`; it must be
-        importable by a fresh process, such as `bulgefit.diagnose`.
+        Called as `diagnose(tests, **options)` with one test or a family's three, gives an object
+        with `to_dict()`; it must be importable by a fresh process, such as `bulgefit.diagnose`.
     makers, executor : Executor, optional
         Where tests are made, and where they are diagnosed. Default: fresh processes each, so that
         no process that diagnoses has known a truth. Workers on other machines must share `output`.
@@ -149,14 +111,18 @@ def run_trial(
         "shrink": recipe.shrink,
     }
     atomic_write_text(folder / "trial.json", json.dumps(asked, indent=2) + "\n")
+    mixed = set() if kinds else interpolated(number, seed)
+    jobs = [
+        (str(folder), i, kind, seed, replace(recipe, interpolated=i in mixed))
+        for i, kind in enumerate(chosen)
+    ]
     with _pool(makers, workers) as pool:
-        jobs = [(str(folder), i, kind, seed, recipe) for i, kind in enumerate(chosen)]
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
-    seals = {name: digest for name, digest, _ in made}
+    seals = {name: digest for name, _, digest, _ in made}
     _write_seals(folder, seals, say)
-    struck = {name: effects if strike else [] for name, _, effects in made}
+    asked_of = {name: (files, effects if strike else []) for name, files, _, effects in made}
     with _pool(executor, workers) as pool:
-        answers = _answers(pool, folder, struck, dict(options or {}), diagnose, say)
+        answers = _answers(pool, folder, asked_of, dict(options or {}), diagnose, say)
     return _scored(folder, asked, seals, answers, time.perf_counter() - start)
 
 
@@ -267,11 +233,11 @@ def _records(
     seals: Mapping[str, str],
     answers: Mapping[str, dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Truth and answer of each sealed test, as `scoring` takes them."""
+    """Truth and answer of each sealed test, as `score` takes them."""
     truths = {name: _opened(folder, name, digest) for name, digest in seals.items()}
     return [
         {
-            "file": f"{name}.npz",
+            "file": f"{name}.npz" if truth["kind"] != FAMILY else name,
             "truth": truth,
             "answer": answers[name],
             "struck": _catalogued(truth) if asked["strike"] else [],
@@ -284,12 +250,14 @@ def _catalogued(truth: Mapping[str, Any]) -> list[str]:
     return [effect for effect in truth["effects"] if effect in KNOWN]
 
 
-def diagnose_file(path: str, options: Mapping[str, Any], diagnose: Diagnose) -> dict[str, Any]:
-    """Read a test and diagnose it; a diagnosis that fails is an answer, too, but never right."""
+def diagnose_files(
+    paths: Sequence[str], options: Mapping[str, Any], diagnose: Diagnose
+) -> dict[str, Any]:
+    """Read tests and diagnose them; a diagnosis that fails is an answer, too, but never right."""
     start = time.perf_counter()
     try:
         with one_blas_thread():
-            answer = diagnose([read_test(path)], **options).to_dict()
+            answer = diagnose([read_test(path) for path in paths], **options).to_dict()
     except (BulgefitError, ArithmeticError, ValueError, IndexError, KeyError) as error:
         answer = {"verdict": "failed", "error": f"{type(error).__name__}: {error}"}
     return dict(_plain({**answer, "seconds": time.perf_counter() - start}))
@@ -314,42 +282,52 @@ def _folder(output: str | Path) -> Path:
     return folder
 
 
-def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, str, list[str]]:
-    """Make one test and its sealed truth; its name, the seal, and what to strike."""
+def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, list[str], str, list[str]]:
+    """Make one test, or family, and its sealed truth; name, files, the seal, what to strike."""
     folder, index, kind, seed, recipe = job
-    name = f"test_{index:04d}"
-    made = make_test(kind, SeedSequence([seed, 1, index]), recipe, name)
-    text = json.dumps(made.truth, indent=2, sort_keys=True) + "\n"
-    write_test(made.test, Path(folder) / "tests" / f"{name}.npz")
+    name, source = f"test_{index:04d}", SeedSequence([seed, 1, index])
+    if kind == FAMILY:
+        family = make_family(source, recipe, name)
+        tests, truth = family.tests, family.truth
+    else:
+        made = make_test(kind, source, recipe, name)
+        tests, truth = (made.test,), made.truth
+    text = json.dumps(truth, indent=2, sort_keys=True) + "\n"
+    files = [f"{test.name}.npz" for test in tests]
+    for test, file in zip(tests, files, strict=True):
+        write_test(test, Path(folder) / "tests" / file)
     atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text)
-    return name, seal(text), _catalogued(made.truth)
+    return name, files, seal(text), _catalogued(truth)
 
 
-def _answer(_: None, job: tuple[str, dict[str, Any], list[str], Diagnose]) -> dict[str, Any]:
-    """Diagnose one test without its struck effects."""
-    path, options, struck, diagnose = job
-    if not Path(path).is_file():  # which is no answer
-        raise InputError(
-            f"{path}: not seen from {socket.gethostname()}; name a folder that all workers share"
-        )
+def _answer(_: None, job: tuple[list[str], dict[str, Any], list[str], Diagnose]) -> dict[str, Any]:
+    """Diagnose one test, or a family together, without struck effects."""
+    paths, options, struck, diagnose = job
+    for path in paths:
+        if not Path(path).is_file():  # which is no answer
+            raise InputError(
+                f"{path}: not seen from {socket.gethostname()}; name a folder that all workers "
+                "share"
+            )
     if struck:
         offered = options.get("effects") or KNOWN
         options = {**options, "effects": [e for e in offered if e not in struck]}
-    return diagnose_file(path, options, diagnose)
+    return diagnose_files(paths, options, diagnose)
 
 
 def _answers(
     pool: Executor,
     folder: Path,
-    struck: Mapping[str, list[str]],
+    asked_of: Mapping[str, tuple[list[str], list[str]]],
     options: dict[str, Any],
     diagnose: Diagnose,
     say: Callable[[str], None],
 ) -> dict[str, dict[str, Any]]:
-    """Diagnose all tests; each answer is written as soon as it is there."""
-    names = list(struck)
+    """Diagnose all tests (files, struck effects); each answer is written as soon as it is there."""
+    names = list(asked_of)
     jobs = [
-        (str(folder / "tests" / f"{name}.npz"), options, struck[name], diagnose) for name in names
+        ([str(folder / "tests" / file) for file in files], options, struck, diagnose)
+        for files, struck in asked_of.values()
     ]
 
     def keep(number: int, index: int, answer: dict[str, Any]) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import math
-import reprlib
 from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from bulgefit.dic.csv_table import Table, read_table
-from bulgefit.dic.registry import Recording, file_checksum, reader, text_of
+from bulgefit.dic.formats.specimen import SPECIMEN, specimen_of
+from bulgefit.dic.formats.table import Table, read_table
+from bulgefit.dic.registry import Recording, file_checksum, reader
 from bulgefit.dic.units import PRESSURE, factor
 from bulgefit.errors import InputError
 
@@ -19,17 +17,16 @@ __all__ = ["COLUMNS", "read_csv_folder"]
 
 COLUMNS = ("x", "y", "z", "dx", "dy", "dz")
 _PRESSURE_TABLE = "pressure.csv"
-_SPECIMEN = "test.json"
-_SPECIMEN_KEYS = {
-    "name": "text on one line",
-    "radius": "a number in mm",
-    "thickness": "a number in mm",
-    "poisson_ratio": "a number",
-    "columns": 'like {"x": "X_mm"}',
-}
 
 
-@reader("csv", Path.is_dir, looks_like=f"a folder with {_PRESSURE_TABLE}", options=["columns"])
+@reader(
+    "csv",
+    Path.is_dir,
+    looks_like=f"a folder with {_PRESSURE_TABLE}",
+    options=["columns"],
+    example="x,y,z,dx,dy,dz",
+    lost="empty cell, nan, row left out",
+)
 def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Recording:
     """Read a folder of frames.
 
@@ -50,8 +47,11 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
     table = path / _PRESSURE_TABLE
     if not table.is_file():
         found = ", ".join(sorted(entry.name for entry in path.iterdir())[:5]) or "nothing"
-        raise InputError(f"{path}: not a bulge test, it has no {_PRESSURE_TABLE}; found {found}")
-    specimen = _specimen(path / _SPECIMEN)
+        raise InputError(
+            f"{path}: none of its files is of a format that `bulgefit formats` shows, and it has "
+            f"no {_PRESSURE_TABLE}; found {found}"
+        )
+    specimen = specimen_of(path / SPECIMEN)
     names = _column_names({**specimen.get("columns", {}), **(columns or {})}, path)
     files, pressure, unit, time = _pressures(table)
     _need_listed(path, files)
@@ -59,7 +59,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
     for file in files:
         values = read_table(file).numbers([names[key] for key in COLUMNS])
         frames.append((values[:, :3], values[:, 3:]))
-    used = [table, *files] + ([path / _SPECIMEN] if specimen else [])
+    used = [table, *files, *([path / SPECIMEN] if (path / SPECIMEN).is_file() else [])]
     return Recording(
         pressure=pressure,
         checksum=file_checksum(*sorted(used)),
@@ -87,36 +87,6 @@ def _column_names(given: Mapping[str, str], path: Path) -> dict[str, str]:
     return names
 
 
-def _specimen(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        return {}
-    try:
-        content = json.loads(text_of(path), parse_int=float)
-    except InputError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not JSON ({error})") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: must be a JSON object with {', '.join(_SPECIMEN_KEYS)}")
-    for key, value in content.items():
-        if key not in _SPECIMEN_KEYS:
-            raise InputError(
-                f"{path}: unknown key {reprlib.repr(key)}; known are {', '.join(_SPECIMEN_KEYS)}"
-            )
-        if key == "columns":
-            good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
-        elif key == "name":
-            # others cannot be printed, or end the line or a file's name
-            good = isinstance(value, str) and value.isprintable()
-        else:
-            good = isinstance(value, float) and math.isfinite(value)
-        if not good:
-            raise InputError(
-                f"{path}: {key} cannot be {reprlib.repr(value)}; it must be {_SPECIMEN_KEYS[key]}"
-            )
-    return content
-
-
 def _pressures(path: Path) -> tuple[list[Path], Any, str, Any]:
     table = read_table(path)
     loads = [name for name in table.header if name.startswith("pressure_")]
@@ -139,6 +109,8 @@ def _frame_file(path: Path, name: str, table: Table) -> Path:
         raise InputError(f"{path}: {name!r} is not the name of a file in the folder")
     if not file.is_file():
         raise InputError(f"{path}: names {name}, which is not in the folder {path.parent}")
+    if file.resolve().parent != path.parent.resolve():
+        raise InputError(f"{path}: {name} is a link out of the folder; copy the file into it")
     return file
 
 

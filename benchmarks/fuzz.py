@@ -1,0 +1,247 @@
+"""Damage good files at random and read them: how often, how long, and with how much memory?
+
+    python benchmarks/fuzz.py [COUNT] [--seed N] [--formats npz,hdf5,npy,pickle,csv] [--keep FOLDER]
+
+Every input must be read or refused with one line, within 5 s and four times the file and 200 MB,
+running no code and opening nothing but itself. Inputs are read in child processes of a thousand
+each, so that a crash of a library is one failure and not the end. Failures are kept in FOLDER.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+BATCH = 1000
+SECONDS, BYTES = 5.0, 200_000_000
+FORMATS = ("npz", "hdf5", "npy", "pickle", "csv")
+# What Python tells of code that runs; files are looked at one by one.
+CODE = ("os.system", "os.exec", "os.spawn", "os.posix_spawn", "subprocess.Popen", "socket.connect")
+SOURCE = str(Path(__file__).resolve().parents[1])
+
+
+def good_files(folder: Path) -> dict[str, tuple[str, bytes]]:
+    """Name and bytes of a good file of each format; of csv, of each file of its folder."""
+    rng = np.random.default_rng(7)
+    reference = rng.uniform(-60, 60, (20, 3))
+    displacement = rng.normal(size=(3, 20, 3))
+    arrays = {
+        "reference": reference,
+        "displacement": displacement,
+        "pressure": np.array([0.1, 0.2, 0.3]),
+        "radius": 100.0,
+        "thickness": 0.81,
+        "time": np.arange(3.0),
+    }
+    np.savez_compressed(folder / "t.npz", **arrays)
+    _write_hdf5(folder / "t.h5", arrays)
+    rows = np.empty((3, 2), dtype=object)
+    for i in range(3):
+        rows[i, 0], rows[i, 1] = np.hstack([reference, displacement[i]]), 1e-4 * (i + 1)
+    np.save(folder / "t.npy", rows, allow_pickle=True)
+    (folder / "t.pkl").write_bytes(pickle.dumps(rows, protocol=2))
+    names = {"npz": "t.npz", "hdf5": "t.h5", "npy": "t.npy", "pickle": "t.pkl"}
+    return {kind: (name, (folder / name).read_bytes()) for kind, name in names.items()}
+
+
+def _write_hdf5(path: Path, arrays: dict[str, object]) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for key, value in arrays.items():
+            packed = key == "displacement"
+            file.create_dataset(key, data=value, compression="gzip" if packed else None)
+            file[key].attrs["unit"] = {"pressure": "MPa", "time": "s"}.get(key, "mm")
+
+
+def csv_files() -> dict[str, bytes]:
+    """The files of a good folder of frames."""
+    rng = np.random.default_rng(7)
+    files = {"pressure.csv": b"file,pressure_bar\na.csv,1\nb.csv,2\n"}
+    files["test.json"] = b'{"radius": 100, "thickness": 0.81}'
+    for name in ("a.csv", "b.csv"):
+        rows = rng.uniform(-60, 60, (8, 6))
+        lines = ["x,y,z,dx,dy,dz", *(",".join(f"{value:.4f}" for value in row) for row in rows)]
+        files[name] = "\n".join(lines).encode()
+    return files
+
+
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Flip, cut, repeat, overwrite: one to four times."""
+    found = bytearray(data)
+    for _ in range(rng.integers(1, 5)):
+        at = int(rng.integers(len(found) + 1))
+        length = int(2 ** rng.uniform(0, 7))
+        match rng.integers(6):
+            case 0 if at < len(found):
+                found[at] ^= 1 << int(rng.integers(8))
+            case 1:
+                del found[at : at + length]
+            case 2:
+                found[at:at] = found[at : at + length]
+            case 3:
+                found[at : at + length] = rng.bytes(length)
+            case 4:  # numbers at the edges of what fits
+                width = int(rng.choice([2, 4, 8]))
+                edge = int(rng.choice([0, 1, -1, 2 ** (8 * width - 1) - 1, 1 << (4 * width)]))
+                found[at : at + width] = edge.to_bytes(width, "little", signed=edge < 0)
+            case _:
+                found[at : at + 1] = rng.choice([b"\xff", b"\x00", b",", b'"', b"\n", b"9" * 30])
+    return bytes(found)
+
+
+def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
+    """For each format, what writes a damaged input and says where it is."""
+    with tempfile.TemporaryDirectory() as good:
+        single, csv = good_files(Path(good)), csv_files()
+
+    def of(kind: str) -> Callable[[np.random.Generator], Path]:
+        name, data = single[kind]
+
+        def write(rng: np.random.Generator) -> Path:
+            (folder / name).write_bytes(damaged(data, rng))
+            return folder / name
+
+        return write
+
+    def write_csv(rng: np.random.Generator) -> Path:
+        (folder / "csv").mkdir(exist_ok=True)
+        hit = str(rng.choice(sorted(csv)))
+        for name, data in csv.items():
+            (folder / "csv" / name).write_bytes(damaged(data, rng) if name == hit else data)
+        return folder / "csv"
+
+    return {**{kind: of(kind) for kind in single}, "csv": write_csv}
+
+
+def read_one(path: Path) -> str:
+    """`read` or `refused`; anything else is raised."""
+    from bulgefit.dic import describe, read_test
+    from bulgefit.errors import InputError
+
+    try:
+        describe(read_test(path))
+    except InputError as error:
+        if "\n" in str(error):
+            raise AssertionError(f"not one line: {error}") from None
+        return "refused"
+    return "read"
+
+
+def watch(folder: Path) -> None:
+    """Raise where Python runs a program or opens a file outside the folder."""
+    inside = str(folder.resolve())
+    own = (sys.prefix, sys.base_prefix, SOURCE, f"/proc/{os.getpid()}/maps")
+
+    def hook(event: str, arguments: tuple[object, ...]) -> None:
+        if event in CODE:
+            raise AssertionError(f"ran {event} {arguments}")
+        # Python's own modules are imported when they are first needed; a descriptor is open already
+        if event == "open" and isinstance(arguments[0], str):
+            place = os.path.realpath(arguments[0])
+            if not place.startswith((inside, *own)):
+                raise AssertionError(f"opened {place}")
+
+    sys.addaudithook(hook)
+
+
+def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
+    """Read `count` inputs of one format in this process."""
+    write = writers(folder)[kind]
+    read_one(write(np.random.default_rng(0)))  # imports what is needed
+    watch(folder)
+    signal.signal(signal.SIGALRM, _too_long)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    tally = {"read": 0, "refused": 0}
+    slowest = 0.0
+    for number in range(count):
+        (folder / "now").write_text(f"{kind} {seed} {number}")
+        path = write(np.random.default_rng((seed, number)))
+        began = time.perf_counter()
+        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        try:
+            tally[read_one(path)] += 1
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        slowest = max(slowest, time.perf_counter() - began)
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    if grown > BYTES:
+        raise AssertionError(f"took {grown / 1e6:.0f} MB")
+    return {**tally, "slowest": slowest, "memory": grown}
+
+
+def _too_long(*_: object) -> None:
+    raise TimeoutError(f"took more than {SECONDS:g} s")
+
+
+def batches(kind: str, seed: int, count: int) -> Iterator[tuple[str, dict[str, object]]]:
+    """Each batch's input number and what its process says."""
+    for start in range(0, count, BATCH):
+        size = min(BATCH, count - start)
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, __file__, "--child", kind, str(seed + start), str(size)]
+            done = subprocess.run(
+                [*command, folder], capture_output=True, text=True, env=os.environ, check=False
+            )
+            if done.returncode == 0:
+                yield "", json.loads(done.stdout)
+            else:
+                now = Path(folder) / "now"
+                where = now.read_text() if now.exists() else kind
+                last = done.stderr.strip().splitlines()[-1:] or [f"signal {-done.returncode}"]
+                yield f"{where}: {last[0]}", {}
+
+
+def main() -> int:
+    """Run, tell a line a format, and leave with 1 where something failed."""
+    if sys.argv[1:2] == ["--child"]:
+        kind, seed, count, folder = sys.argv[2:]
+        try:
+            print(json.dumps(batch(kind, int(seed), int(count), Path(folder))))
+        except BaseException:
+            traceback.print_exc()
+            return 1
+        return 0
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("count", type=int, nargs="?", default=100_000, help="inputs in all")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--formats", default=",".join(FORMATS))
+    args = parser.parse_args()
+    kinds = args.formats.split(",")
+    failures = []
+    print(f"{'format':<8}{'read':>9}{'refused':>9}{'failed':>8}{'slowest':>10}{'memory':>9}")
+    for kind in kinds:
+        tally = {"read": 0, "refused": 0, "failed": 0, "slowest": 0.0, "memory": 0.0}
+        for failure, told in batches(kind, args.seed * 10**9, args.count // len(kinds)):
+            if failure:
+                failures.append(failure)
+                tally["failed"] += 1
+                continue
+            for key in ("read", "refused"):
+                tally[key] += int(str(told[key]))
+            for key in ("slowest", "memory"):
+                tally[key] = max(tally[key], float(str(told[key])))
+        print(
+            f"{kind:<8}{tally['read']:>9}{tally['refused']:>9}{tally['failed']:>8}"
+            f"{tally['slowest']:>8.2f} s{tally['memory'] / 1e6:>6.0f} MB"
+        )
+    for failure in failures:
+        print(failure)
+    return int(bool(failures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

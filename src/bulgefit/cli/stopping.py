@@ -1,0 +1,88 @@
+"""How does the program end when it is told to, by Ctrl-C or by SIGTERM? Within a second."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import threading
+import time
+from typing import Any, NoReturn
+
+from bulgefit.cli.streams import say
+from bulgefit.files import drop_unfinished
+
+__all__ = ["Told", "leave", "listen"]
+
+#: Seconds that the program has to clean up after itself; then it ends as it stands.
+GRACE = 0.7
+
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+_saying = threading.Lock()
+
+
+class Told(KeyboardInterrupt):
+    """The program was told to end.
+
+    Parameters
+    ----------
+    number : int
+        Of the signal.
+    """
+
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        super().__init__()
+        self.status = 128 + number
+        self.word = _WORDS[signal.Signals(number)]
+
+
+def listen(name: str) -> None:
+    """End the program within a second of SIGINT or SIGTERM.
+
+    Each raises `Told`, which leaves every block in order. But an interpreter that is in the midst
+    of compiling or reading does not look at signals, and an exception that is raised in a callback
+    is lost: a thread that the system wakes sees to the end where `GRACE` was not enough.
+
+    Parameters
+    ----------
+    name : str
+        Who says so.
+    """
+    ours, told = socket.socketpair()
+    told.setblocking(False)
+    signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    for number in _WORDS:
+        # what whoever started us has switched off, such as Ctrl-C of a job in the background
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _raise)
+    threading.Thread(target=_watch, args=(ours, told, name), daemon=True).start()
+
+
+def _raise(number: int, _: Any) -> NoReturn:
+    # once is enough: a second one would disturb the first one's cleaning up
+    for each in _WORDS:
+        signal.signal(each, signal.SIG_IGN)
+    raise Told(number)
+
+
+def _watch(ours: socket.socket, told: socket.socket, name: str) -> None:
+    """`told` is held here, so that it is not closed."""
+    number = ours.recv(1)[0]
+    time.sleep(GRACE)
+    drop_unfinished()
+    leave(name, Told(number))
+
+
+def leave(name: str, told: Told) -> NoReturn:
+    """Say so, and end without waiting for threads that compute.
+
+    Parameters
+    ----------
+    name : str
+        Who says so.
+    told : Told
+    """
+    if _saying.acquire(blocking=False):  # once, whoever is first
+        say(f"{name}: {told.word}\n")
+    os._exit(told.status)

@@ -1,0 +1,1 @@
+"""Which files of DIC systems are read? One reader a file."""

@@ -1,0 +1,106 @@
+"""Where is the clamp's centre? Where the heights, continued outwards, fall to zero.
+
+About the clamp's centre c the heights of a frame are w = (1 - |x - c|^2/a^2) q(x) with a smooth q.
+To first order in c that is (1 - |x|^2/a^2) q + 2 (x . c)/a^2 q, so that on the circle about the
+origin a height that grows along c is left. It is in proportion to q at the rim, which grows as the
+cube root of pressure, where a tilt of the reference stays the same and one of the fixture grows
+with pressure: many frames tell them apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.coverage import coverage
+
+__all__ = ["RimCentre", "rim_centre"]
+
+Floats = NDArray[np.floating]
+
+_FEWEST_POINTS = 100
+# Frames: three unknowns are told apart, and one more shows whether they fit.
+_FEWEST_FRAMES, _MOST_FRAMES = 4, 12
+# Points of a frame that are looked at: more do not make the centre surer than the model is.
+_MOST_POINTS = 4000
+# Part of the disc whose points tell how the heights go on to the rim.
+_FIELD = 0.5
+# Degrees of q. They tell alike where heights are as the text above says.
+_DEGREES = (2, 4)
+_ERRORS = 3.0
+
+
+@dataclass(frozen=True)
+class RimCentre:
+    """The clamp's centre as the heights tell it.
+
+    Attributes
+    ----------
+    position, error : (2,) arrays, mm
+        x, y, and how far they may be off: half the range of what two smooth fields, with and
+        without a moving fixture, say, with three standard errors.
+    """
+
+    position: Floats
+    error: Floats
+
+
+def rim_centre(test: BulgeTest) -> RimCentre | None:
+    """The clamp's centre; None where points or frames are too few to tell."""
+    order = np.argsort(test.pressure, kind="stable")
+    at = np.unique(np.linspace(0, test.n_frames - 1, _MOST_FRAMES).astype(int))
+    frames = [_heights(test, int(frame)) for frame in order[at]]
+    load = np.array([test.pressure[i] for i, found in zip(order[at], frames, strict=True) if found])
+    fields = [found for found in frames if found]
+    if len(fields) < _FEWEST_FRAMES or np.ptp(load) == 0:
+        return None
+    estimates, errors = [], []
+    for degree in _DEGREES:
+        tilts, at_rim = zip(*(_rim_of(points, dz, degree) for points, dz in fields), strict=True)
+        for moving in (False, True):
+            found = _in_proportion(np.array(tilts), np.array(at_rim), load, moving)
+            estimates.append(found[0])
+            errors.append(found[1])
+    low, high = np.min(estimates, axis=0), np.max(estimates, axis=0)
+    spread = (high - low) / 2 + _ERRORS * np.max(errors, axis=0)
+    return RimCentre((low + high) / 2 * test.radius, spread * test.radius)
+
+
+def _heights(test: BulgeTest, frame: int) -> tuple[Floats, Floats] | None:
+    reference, displacement = test.frame(frame)
+    known = np.flatnonzero(np.isfinite(displacement[:, 2]))
+    if len(known) < _FEWEST_POINTS or coverage(reference[known], test.radius)[0] < _FIELD:
+        return None
+    known = known[:: -(-len(known) // _MOST_POINTS)]
+    return reference[known, :2] / test.radius, displacement[known, 2] / test.radius
+
+
+def _rim_of(points: Floats, dz: Floats, degree: int) -> tuple[Floats, float]:
+    """What grows along x and y on the circle about the origin, and the mean of q on it."""
+    inside = 1 - (points**2).sum(axis=1)
+    smooth = _powers(points, degree)
+    basis = np.column_stack([inside[:, None] * smooth, points, np.ones(len(points))])
+    found = np.linalg.lstsq(basis, dz, rcond=None)[0]
+    angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    return found[-3:-1], float((_powers(circle, degree) @ found[:-3]).mean())
+
+
+def _powers(points: Floats, degree: int) -> Floats:
+    x, y = points.T
+    return np.column_stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)])
+
+
+def _in_proportion(
+    tilts: Floats, at_rim: Floats, load: Floats, moving: bool
+) -> tuple[Floats, Floats]:
+    """c/a from the part of the tilts that goes with q at the rim, and its standard error."""
+    columns = [2 * at_rim, np.ones_like(at_rim)] + ([load / load.max()] if moving else [])
+    basis = np.column_stack(columns)
+    found = np.linalg.lstsq(basis, tilts, rcond=None)[0]
+    freedom = len(basis) - basis.shape[1]
+    variance = ((tilts - basis @ found) ** 2).sum(axis=0) / freedom
+    return found[0], np.sqrt(variance * np.linalg.pinv(basis.T @ basis)[0, 0])

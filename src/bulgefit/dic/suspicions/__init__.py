@@ -1,0 +1,34 @@
+"""What looks wrong with a test that can be read all the same?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.axes import about_axes
+from bulgefit.dic.suspicions.points import about_points
+from bulgefit.dic.suspicions.sequence import about_sequence
+from bulgefit.dic.suspicions.sizes import about_sizes
+from bulgefit.dic.suspicions.suspicion import Suspicion
+from bulgefit.dic.suspicions.zero import about_offsets, about_zero
+
+__all__ = ["Suspicion", "alarms", "suspicions"]
+
+
+def suspicions(test: BulgeTest) -> list[Suspicion]:
+    """Everything that looks wrong with a test, what makes all results meaningless first."""
+    return [*alarms(test), *_notes(test)]
+
+
+def alarms(test: BulgeTest) -> list[Suspicion]:
+    """What makes whatever is fitted to the test mean nothing: units, axes, zeros.
+
+    It takes a fraction of a second, whatever the size of the test.
+    """
+    return [*about_sizes(test), *about_axes(test), *about_zero(test)]
+
+
+def _notes(test: BulgeTest) -> Iterator[Suspicion]:
+    yield from about_sequence(test)
+    yield from about_points(test)
+    yield from about_offsets(test)

@@ -1,0 +1,63 @@
+"""Do the frames follow one another as loading asks for?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.suspicion import Suspicion
+
+__all__ = ["about_sequence"]
+
+_FEW_FRAMES = 5
+# An apex may fall by this, mm, between frames of rising pressure: noise.
+_APEX_FALL = 0.05
+
+
+def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
+    """Order and number of frames, and the growth of the apex."""
+    if not test.pressure_increases:
+        frame = int(np.flatnonzero(np.diff(test.pressure) <= 0)[0]) + 1
+        yield Suspicion(
+            "pressure_not_increasing",
+            f"pressure does not increase at frame {frame}: unloading, or frames out of order",
+            "keep the loading branch, in the order of its pressures",
+        )
+    if test.n_frames < _FEW_FRAMES:
+        yield Suspicion(
+            "few_frames",
+            f"only {test.n_frames} frames: little to tell stiffness from other effects",
+            "export more frames of the loading branch if there are any",
+        )
+    if test.time is not None and (np.diff(test.time) <= 0).any():
+        frame = int(np.flatnonzero(np.diff(test.time) <= 0)[0]) + 1
+        yield Suspicion(
+            "time_not_increasing",
+            f"time does not increase at frame {frame}: frames out of order",
+            "order frames, pressures and times alike",
+        )
+    yield from _about_apex(test)
+
+
+def _about_apex(test: BulgeTest) -> Iterator[Suspicion]:
+    known = np.flatnonzero(np.isfinite(test.apex_displacement))
+    if not len(known):
+        yield Suspicion(
+            "apex_missing",
+            "dz was never measured at the apex",
+            "export dz of the points near the centre",
+        )
+        return
+    order = known[np.argsort(test.pressure[known], kind="stable")]
+    rise = test.apex_displacement[order]
+    falls = np.flatnonzero(np.diff(rise) < -_APEX_FALL)
+    if len(falls) and rise[-1] >= 0:
+        before, after = order[falls[0]], order[falls[0] + 1]
+        yield Suspicion(
+            "apex_falls",
+            f"the apex does not grow with pressure at {len(falls)} of {len(order) - 1} steps, "
+            f"first from frame {before} to {after}: creep, unloading or mixed frames",
+            "check which pressure belongs to which frame, and keep the loading branch",
+        )

@@ -1,0 +1,131 @@
+"""Do the numbers have the size that their unit asks for? Pressure, thickness, rise, stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.apex import rise_at_centre
+from bulgefit.dic.suspicions.suspicion import Suspicion
+
+__all__ = ["about_sizes"]
+
+# Highest pressures, MPa, between which a test on a fabric is expected (0.02 to 10 bar).
+_USUAL_PRESSURE = (0.002, 1.0)
+# Young's modulus, MPa, that no material exceeds: diamond.
+_STIFFEST = 1e6
+# E t of fabrics, N/mm: an elastomer of 1 mm has 5, and the heaviest glass or aramid cloth stays
+# below 5,000. PVC-coated polyester and PTFE-coated glass have some 200 to 2,000 (European Design
+# Guide for Tensile Surface Structures, Forster and Mollaert eds., 2004).
+_FABRIC = (5.0, 5000.0)
+# E, MPa, below which no yarns carry along warp and fill: the softest textile fibres, wool and
+# nylon, have 2,000 (Morton and Hearle, Physical Properties of Textile Fibres, 2008, ch. 13), of
+# which fibres fill at least a quarter of a cloth, half of them along each direction, and crimp
+# leaves at least a fifth: 2,000 / 4 / 2 / 5.
+_YARNS = 50.0
+# A sheet whose span is less than this many times its thickness is a plate, not a membrane
+# (Ventsel and Krauthammer, Thin Plates and Shells, 2001, sect. 1.1: 80 to 100).
+_MEMBRANE = 80.0
+
+_UNIT = "bulgefit convert IN OUT --unit pressure=UNIT/TAKEN, such as psi/bar or MPa/bar"
+
+
+def about_sizes(test: BulgeTest) -> Iterator[Suspicion]:
+    """Pressure and thickness by themselves, then the rise that they should have caused."""
+    low, high = _USUAL_PRESSURE
+    highest = float(test.pressure.max())
+    if not low <= highest <= high:
+        yield Suspicion(
+            "pressure_size",
+            f"highest pressure is {highest * 10:.3g} bar, where fabrics are tested at "
+            f"{low * 10:g} to {high * 10:g}: are the pressures in the unit that the file says or "
+            "asks for?",
+            f"if they are in another one: {_UNIT}",
+        )
+    if 2 * test.radius < _MEMBRANE * test.thickness:
+        yield Suspicion(
+            "thickness_size",
+            f"thickness {test.thickness:g} mm: the clamp's diameter is {_ratio(test):.2g} times "
+            f"that, and below {_MEMBRANE:g} times a sheet is a plate and no membrane",
+            "give the thickness in mm with --thickness; every verb takes it",
+        )
+    yield from _about_rise(test)
+
+
+def _ratio(test: BulgeTest) -> float:
+    return 2 * test.radius / test.thickness
+
+
+def _about_rise(test: BulgeTest) -> Iterator[Suspicion]:
+    known = np.flatnonzero(np.isfinite(test.apex_displacement))
+    if not len(known):
+        return
+    frame = int(known[test.pressure[known].argmax()])
+    bar = float(test.pressure[frame]) * 10
+    rise, least = abs(float(test.apex_displacement[frame])), _least_rise(test, frame)
+    if rise < least:
+        yield Suspicion(
+            "rise_too_small",
+            f"the apex rises by {rise:.2g} mm at {bar:.3g} bar, where the stiffest material "
+            f"would rise by {least:.2g} mm: is the displacement in mm?",
+            "if it is in another unit: bulgefit convert IN OUT --unit displacement=UNIT/mm",
+        )
+    else:
+        yield from _about_stiffness(test)
+
+
+def _least_rise(test: BulgeTest, frame: int) -> float:
+    """What the stiffest membrane would show at the apex point of a frame, mm."""
+    pressure = max(float(test.pressure[frame]), 0.0)
+    (block,) = (block for block in test.blocks if frame in block.frames)
+    x, y, _ = block.reference[test.apex[frame]]
+    # p = 3 E t w^3 / R^4, in which the factor is near that of a clamped isotropic disc
+    at_centre = np.cbrt(pressure * test.radius**4 / (3 * _STIFFEST * test.thickness))
+    return float(at_centre * max(1 - (x**2 + y**2) / test.radius**2, 0.0))
+
+
+def _about_stiffness(test: BulgeTest) -> Iterator[Suspicion]:
+    pressure, rise = rise_at_centre(test)
+    if not len(rise) or pressure[-1] <= 0 or rise[-1] == 0:
+        return
+    stiffness = implied_stiffness(pressure[-1], abs(rise[-1]), test.radius, test.poisson_ratio)
+    modulus = stiffness / test.thickness
+    seen = (
+        f"a rise of {abs(rise[-1]):.3g} mm at {pressure[-1] * 10:.3g} bar asks for E t of about "
+        f"{stiffness:.2g} N/mm"
+    )
+    if not _FABRIC[0] <= stiffness <= _FABRIC[1]:
+        yield Suspicion(
+            "stiffness",
+            f"{seen}, which no fabric has ({_FABRIC[0]:g} to {_FABRIC[1]:,.0f}): pressures, "
+            "displacement or radius are in another unit",
+            f"{_UNIT}; likewise displacement=cm/mm; the radius is given with --radius",
+        )
+    elif modulus < _YARNS:
+        yield Suspicion(
+            "modulus",
+            f"{seen}, and over {test.thickness:g} mm for E of about {modulus:.2g} MPa: knits and "
+            f"elastomers have that, but yarns give a woven cloth {_YARNS:g} or more, so that "
+            "pressures are too small (tenfold, or psi) or the thickness is too large",
+            f"if the cloth is woven: {_UNIT}, or give --thickness in mm",
+        )
+
+
+def implied_stiffness(pressure: float, rise: float, radius: float, poisson_ratio: float) -> float:
+    """E t (N/mm) of a spherical cap under equal tension all round.
+
+    Its tension is p R / 2, and its strain the logarithm of the arc over the chord. Orthotropic
+    membranes of known moduli come out 0.6 to 1.1 times the mean of theirs.
+
+    Parameters
+    ----------
+    pressure : float, MPa
+    rise, radius : float, mm
+    poisson_ratio : float
+    """
+    curvature_radius = (radius**2 + rise**2) / (2 * rise)
+    half_angle = 2 * np.arctan2(rise, radius)
+    strain = np.log(half_angle * curvature_radius / radius)
+    return float((1 - poisson_ratio) * pressure * curvature_radius / 2 / strain)

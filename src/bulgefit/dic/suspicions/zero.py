@@ -1,0 +1,135 @@
+"""Does displacement count from rest, and from the clamp's centre and plane?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.coverage import coverage
+from bulgefit.dic.rim import rim_centre
+from bulgefit.dic.suspicions.apex import rise_at_centre
+from bulgefit.dic.suspicions.suspicion import Suspicion
+
+__all__ = ["about_offsets", "about_zero"]
+
+Floats = NDArray[np.floating]
+
+# An apex grows by more than this part where the pressure doubles; that of a membrane by a quarter.
+_NO_GROWTH = 0.05
+# Displacement, mm, that may be seen at rest.
+_AT_REST = 0.1
+# Zero error of a pressure transducer, relative to its range (accuracy class 0.5).
+_GAUGE = 0.005
+# A centre that is off by this part of the radius puts heights at the rim off by 2 % of the rise
+# (slope 2 w0/a), which is 6 % in stiffness (E t ~ w^-3).
+_OFF_CENTRE = 0.01
+# Coverage from which points are a field rather than lines or a patch.
+_FIELD = 0.5
+# A mean displacement in plane, mm, and its part of the largest one, which symmetry forbids.
+_OFFSET, _OFFSET_PART = 0.1, 0.1
+
+
+def about_zero(test: BulgeTest) -> Iterator[Suspicion]:
+    """What displacement and positions are counted from."""
+    pressure, rise = rise_at_centre(test)
+    if len(rise) > 1:
+        yield from _about_first_frame(test, pressure, rise)
+    yield from _about_centre(test)
+
+
+def _about_first_frame(test: BulgeTest, pressure: Floats, rise: Floats) -> Iterator[Suspicion]:
+    (low, high), (before, after) = pressure[[0, -1]], rise[[0, -1]]
+    if high > 2 * low and abs(after - before) < _NO_GROWTH * abs(after):
+        yield Suspicion(
+            "no_growth",
+            f"the apex stands at {before:.4g} mm at {low * 10:.3g} bar and at {after:.4g} mm at "
+            f"{high * 10:.3g} bar: the displacement does not change with pressure",
+            "give each frame its own displacement and pressure",
+        )
+        return
+    # p/w of a clamped membrane grows with w, whether it starts flat (w^2), pretensioned or domed,
+    # so that a lighter frame stands above the chord from rest to the heaviest one
+    least = abs(after) * (low - _GAUGE * high) / high
+    if abs(after) < test.radius and least - abs(before) > _AT_REST:
+        missing = abs(after) * float(np.cbrt(low / high))
+        yield Suspicion(
+            "zero_under_pressure",
+            f"at {low * 10:.3g} bar the apex stands at {before:.2g} mm, where any membrane has "
+            f"risen by {least:.2g} mm or more (one flat at rest by about {missing:.2g}): the "
+            "displacement is counted from an image under pressure",
+            "correlate all images with one at rest; if that frame was at rest, its gauge is off, "
+            "which bulgefit diagnose tells as pressure_offset",
+        )
+
+
+def _about_centre(test: BulgeTest) -> Iterator[Suspicion]:
+    centre = rim_centre(test)
+    if centre is None:
+        return
+    x, y = centre.position
+    nearest = float(np.hypot(*np.fmax(np.abs(centre.position) - centre.error, 0.0)))
+    if nearest > _OFF_CENTRE * test.radius:
+        yield Suspicion(
+            "off_centre",
+            f"the heights fall to 0 on a circle about ({x:.1f}, {y:.1f}) mm, uncertain by "
+            f"({centre.error[0]:.1f}, {centre.error[1]:.1f}): x = y = 0 is not the clamp's centre",
+            "bulgefit convert IN OUT --centre rim, or --shift with what you measured",
+        )
+
+
+def about_offsets(test: BulgeTest) -> Iterator[Suspicion]:
+    """Displacement at rest, and a motion of all points together."""
+    if test.static_displacement is not None:
+        yield from _about_images_at_rest(test.static_displacement)
+    frame = int(np.abs(test.pressure).argmin())
+    rise = test.apex_displacement[frame]
+    if abs(test.pressure[frame]) < 1e-3 * test.pressure.max() and abs(rise) > _AT_REST:
+        yield Suspicion(
+            "displaced_at_rest",
+            f"at rest (frame {frame}) the apex already stands at {rise:.2f} mm",
+            "correlate with an image at rest, or leave the frame out; bulgefit diagnose frees "
+            "reference_state",
+        )
+    yield from _about_motion(test)
+
+
+def _about_images_at_rest(static: Floats) -> Iterator[Suspicion]:
+    known = [component[np.isfinite(component)] for component in static.reshape(-1, 3).T]
+    for key, values in zip(("dx", "dy", "dz"), known, strict=True):
+        if not len(values):
+            yield Suspicion(
+                "static_component_missing",
+                f"{key} was never measured in the images at rest: they do not tell its noise",
+                f"export {key} of the images at rest, or leave them out",
+            )
+    mean = [float(values.mean()) if len(values) else np.nan for values in known]
+    if np.nanmax(np.abs(mean)) > _AT_REST:
+        shown = ", ".join(f"{value:.2f}" for value in mean)
+        yield Suspicion(
+            "static_displaced",
+            f"images at rest are displaced by ({shown}) mm on average",
+            "take images at rest with cameras and clamp as in the reference image",
+        )
+
+
+def _about_motion(test: BulgeTest) -> Iterator[Suspicion]:
+    frame = int(test.pressure.argmin())
+    reference, displacement = test.frame(frame)
+    known = np.isfinite(displacement).all(axis=1)
+    in_plane = displacement[known, :2]
+    # the mean over a lopsided field is not 0 even where all is well
+    if len(in_plane) < 20 or coverage(reference[known], test.radius)[0] < _FIELD:
+        return
+    offset = in_plane.mean(axis=0)
+    if np.abs(offset).max() > max(_OFFSET, _OFFSET_PART * np.abs(in_plane - offset).max()):
+        yield Suspicion(
+            "in_plane_offset",
+            f"at the lowest pressure (frame {frame}) the mean of dx, dy is "
+            f"({offset[0]:.2f}, {offset[1]:.2f}) mm where symmetry gives 0: the camera or the "
+            "clamp moved",
+            "bulgefit align IN OUT --rigid takes off what the outer ring moved; bulgefit diagnose "
+            "frees rigid_motion",
+        )

@@ -1,0 +1,58 @@
+"""What do nodes on three meshes say of the mesh's error, and of what is left once it is off?
+
+The error of balanced nodes falls with the square of the cell size h (Richardson, 1911), so the
+difference between two meshes tells that of either. Extrapolation from cells of sizes h and k leaves
+an error in h²k²: that of a rougher pair over that of the finer one is (h_rough/h_fine)².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["coarser", "finer", "left_over", "richardson", "taken_off"]
+
+Floats = NDArray[np.float64]
+
+
+def finer(refine: int) -> int:
+    """The mesh that tells the error of one."""
+    return refine + max(1, refine // 2)
+
+
+def coarser(refine: int) -> int:
+    """The mesh that judges what is left."""
+    return max(1, refine - max(1, refine // 4))
+
+
+def taken_off(refine: int, here: Floats, there: Floats) -> Floats:
+    """What takes the error off nodes (..., n, 3) mm, by those of the finer mesh."""
+    ratio = (finer(refine) / refine) ** 2
+    return np.asarray((there - here) * ratio / (ratio - 1.0))
+
+
+def left_over(refine: int, here: Floats, correction: Floats, coarse: Floats) -> Floats | None:
+    """What the correction leaves (..., n, 3) mm, by the coarser mesh; None where there is none."""
+    low, high = coarser(refine), finer(refine)
+    if low == refine:
+        return None
+    other = (here - coarse) / ((refine / low) ** 2 - 1.0)
+    return np.asarray((other - correction) / ((high / low) ** 2 - 1.0))
+
+
+def richardson(
+    refine: int, here: Floats, on: Callable[[int], Floats]
+) -> tuple[Floats, float | None]:
+    """Correction of nodes, and the largest of what it leaves, mm.
+
+    Parameters
+    ----------
+    here : (..., n, 3) array, mm
+    on : callable
+        The same nodes as a mesh of another `refine` has them.
+    """
+    correction = taken_off(refine, here, on(finer(refine)))
+    left = left_over(refine, here, correction, on(coarser(refine)))
+    return correction, None if left is None else float(np.abs(left).max())

@@ -1,0 +1,99 @@
+"""Which processes work for this one? Fresh ones, replaced where they die, gone when it is gone."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from bulgefit.parallel.parcels import drop_files
+
+__all__ = ["Processes"]
+
+
+class Processes(Executor):
+    """Fresh processes, which end with this object, or with the process that made it.
+
+    After one has died, `renew` starts others.
+
+    Parameters
+    ----------
+    workers : int
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._fresh()
+
+    def _fresh(self) -> None:
+        # the end that this process alone holds is closed when it ends, however it ends
+        far, self._leash = multiprocessing.Pipe(duplex=False)
+        # spawned, so that they start the same everywhere and know nothing of this process
+        self._pool = ProcessPoolExecutor(
+            self._workers,
+            multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(far,),
+        )
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As every executor."""
+        with _without_interrupts():
+            return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As every executor."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def kill(self) -> None:
+        """End the processes at once, in the midst of whatever they do."""
+        self._leash.close()
+
+    def renew(self) -> None:
+        """Replace the processes."""
+        self._pool.shutdown(cancel_futures=True)
+        self._leash.close()
+        self._fresh()
+
+
+def _begin(leash: Connection) -> None:
+    """What a process does first."""
+    # a terminal's Ctrl-C is for the process that started this one, and ends it by the leash
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(leash,), daemon=True).start()
+
+
+def _end_with(leash: Connection) -> None:
+    """End this process when the other end of the leash is closed.
+
+    No signal does that everywhere: Linux alone tells of a parent's death, and means the thread
+    that started the child. Kernels leave the interpreter to this thread while they compute.
+    """
+    with suppress(EOFError, OSError):
+        leash.recv_bytes()  # nothing is ever sent
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join(0.1)
+    if not parent.is_alive():  # nobody is left who would remove them
+        drop_files()
+    os._exit(1)
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let processes that start here never see a Ctrl-C, not even before they `_begin`."""
+    mask = getattr(signal, "pthread_sigmask", None)
+    if mask is None:  # Windows
+        yield
+        return
+    before = mask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        mask(signal.SIG_SETMASK, before)

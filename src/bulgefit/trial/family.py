@@ -1,0 +1,171 @@
+"""Families: three tests of one cloth, each with a shape, a slack and a motion of its own.
+
+The law is the cloth's. A specimen's moduli are the cloth's times a factor along warp and one
+along fill, as nominally equal pieces of fabric have them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator, SeedSequence, default_rng
+from numpy.typing import NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
+from bulgefit.trial.fabric import UnstableDrawError
+from bulgefit.trial.make import TRIES, noise_size, truth_of
+from bulgefit.trial.recording import Recipe, has_clock, place, record
+from bulgefit.trial.signature import noise_free, of_each
+
+__all__ = ["SPECIMENS", "STRAINS", "Cloth", "Family", "law_table", "make_family"]
+
+Floats = NDArray[np.float64]
+
+#: Tests of a family.
+SPECIMENS = 3
+#: Logarithmic strains at which a law is told, uniaxial along warp and along fill.
+STRAINS = (0.01, 0.02, 0.03, 0.05)
+#: Motions of which each specimen has one.
+_MOTIONS = ("rigid_motion", "fixture_motion")
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """What the specimens of a family share.
+
+    Attributes
+    ----------
+    moduli : dict of str to float, MPa
+    law : dict of str to float
+        Parameters of `nonlinear_material`; empty where the cloth is linear.
+    scatter : float
+        Standard deviation of the logarithm of the factors.
+    """
+
+    moduli: dict[str, float]
+    law: dict[str, float]
+    scatter: float
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Tests of one cloth and their truth, ready for JSON.
+
+    Attributes
+    ----------
+    tests : tuple of BulgeTest
+    truth : dict
+        `kind` (family), `effects` (of the cloth and of any specimen), `moduli` (MPa, the
+        cloth's), `scatter`, `law` (`strain`, `warp_N_per_mm`, `fill_N_per_mm`), `specimens` (as
+        `make.Made` tells a test, with `name` and `factors`) and `nonce`.
+    """
+
+    tests: tuple[BulgeTest, ...]
+    truth: dict[str, Any]
+
+
+def make_family(
+    seed: int | SeedSequence, recipe: Recipe | None = None, name: str = "cloth"
+) -> Family:
+    """Make three tests of one cloth from a seed.
+
+    Raises
+    ------
+    UnstableDrawError
+        No stable fabric was drawn.
+    """
+    recipe = recipe or Recipe()
+    rng = default_rng(seed)
+    cloth = _cloth(rng, recipe.shrink)
+    factors = _factors(cloth.scatter, rng)
+    drawn = [_specimen(cloth, pair, rng, recipe.shrink) for pair in factors]
+    settings = [place(one, rng, recipe) for one in drawn]
+    with one_blas_thread():
+        for _ in range(TRIES):
+            try:
+                seen = [
+                    noise_free(one, setting, recipe.fineness)
+                    for one, setting in zip(drawn, settings, strict=True)
+                ]
+                each = [of_each(*pair) for pair in zip(drawn, settings, strict=True)]
+                break
+            except UnstableDrawError:
+                drawn = _firmer(drawn, rng)
+        else:
+            raise UnstableDrawError("made family: no stable fabric was drawn; try another seed")
+        tests, specimens = [], []
+        for number, (one, setting) in enumerate(zip(drawn, settings, strict=True), start=1):
+            size, timed = noise_size(rng), has_clock(one, rng)
+            told = f"{name}_{number}"
+            test = record(setting, *seen[number - 1], size, rng, told, recipe, timed=timed)
+            tests.append(test)
+            factor = dict(zip(("warp", "fill"), factors[number - 1].tolist(), strict=True))
+            signatures = {"noise_mm": size, "signatures": each[number - 1]}
+            specimens.append({"name": told, "factors": factor, **truth_of(one), **signatures})
+    moduli = {**cloth.moduli, "G12": drawn[0].moduli["G12"]}
+    truth = {
+        "kind": "family",
+        "effects": sorted({effect for one in drawn for effect in one.effects}),
+        "moduli": moduli,
+        "scatter": cloth.scatter,
+        "law": law_table(moduli, cloth.law, tests[0].thickness),
+        "specimens": specimens,
+        "nonce": rng.bytes(16).hex(),
+    }
+    return Family(tuple(tests), truth)
+
+
+def law_table(
+    moduli: dict[str, float], law: dict[str, float], thickness: float
+) -> dict[str, list[float]]:
+    """Stress resultants (N/mm) of the cloth under uniaxial tension, against logarithmic strain.
+
+    Across the pull the cloth is compressed, where stress gains nothing, so that along it the
+    linear law's E e stands, and what it gains: N = t E (e + k e²).
+    """
+    strain = np.array(STRAINS)
+    told = {"strain": strain.tolist()}
+    for side, modulus, axis in (("warp", "E1", "x"), ("fill", "E2", "y")):
+        gain = law.get(f"nonlinear_material.k_{axis}", 0.0)
+        resultant = thickness * moduli[modulus] * (strain + gain * strain**2)
+        told[f"{side}_N_per_mm"] = resultant.tolist()
+    return told
+
+
+def _cloth(rng: Generator, shrink: float) -> Cloth:
+    moduli, scatter = draw_moduli(rng), float(rng.uniform(0.05, 0.10))
+    law = draw_sizes(("nonlinear_material",), rng, shrink)[0] if rng.random() < 0.5 else {}
+    return Cloth(moduli, law, scatter)
+
+
+def _factors(scatter: float, rng: Generator) -> Floats:
+    """Factors (specimens, 2) along warp and fill, whose geometric means over the family are 1.
+
+    No test of these pieces tells what others of the same cloth would be like. Taking the mean off
+    makes the scatter smaller, by √(1 - 1/n) for n pieces, which is made up for.
+    """
+    logs = scatter * rng.standard_normal((SPECIMENS, 2))
+    centred = logs - logs.mean(axis=0)
+    return np.exp(centred / np.sqrt(1.0 - 1.0 / SPECIMENS))
+
+
+def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float) -> Draw:
+    own = "initial_shape", "prestrain", _MOTIONS[int(rng.integers(len(_MOTIONS)))]
+    parameters, waves = draw_sizes(own, rng, shrink)
+    moduli = {
+        "E1": cloth.moduli["E1"] * float(factors[0]),
+        "E2": cloth.moduli["E2"] * float(factors[1]),
+        "G12": cloth.moduli["G12"],
+    }
+    shared = ("nonlinear_material",) if cloth.law else ()
+    return Draw((*shared, *own), {**cloth.law, **parameters}, waves, moduli)
+
+
+def _firmer(drawn: list[Draw], rng: Generator) -> list[Draw]:
+    """The same cloth with more shear stiffness."""
+    factor = float(rng.uniform(1.1, 1.4))
+    return [replace(one, moduli={**one.moduli, "G12": factor * one.moduli["G12"]}) for one in drawn]

@@ -1,0 +1,55 @@
+"""Is what a diagnosis says with 90 % true nine times in ten?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+from bulgefit.trial.right import Record, names_of
+from bulgefit.trial.shares import share
+
+__all__ = ["reliability", "stated_causes", "stated_fields"]
+
+#: Limits of the bins of stated probability; finer where a cause is called sure.
+LIMITS = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
+
+
+def stated_causes(records: Iterable[Record]) -> list[tuple[float, bool]]:
+    """Probability of each cause that states one, and whether the cause is there."""
+    return [
+        (float(cause["probability"]), bool(names_of(cause) & {*record["truth"]["effects"]}))
+        for record in records
+        for cause in record["answer"].get("causes", ())
+        if cause.get("probability") is not None
+    ]
+
+
+def stated_fields(records: Iterable[Record]) -> list[tuple[float, bool]]:
+    """Probability of each field that states one, and whether something foreign is at its place."""
+    return [
+        (float(field["probability"]), field["place"] in record["truth"].get("places", {}).values())
+        for record in records
+        for field in record["answer"].get("fields") or ()
+        if field.get("probability") is not None
+    ]
+
+
+def reliability(stated: Sequence[tuple[float, bool]]) -> dict[str, Any]:
+    """Stated probabilities against true shares.
+
+    Returns
+    -------
+    dict
+        `bins`: of each that holds anything `from`, `to`, `stated` (mean) and the true share with
+        its interval; `error`: their difference, averaged over what was stated; None of nothing.
+    """
+    bins = []
+    for low, high in pairwise(LIMITS):
+        here = [(p, t) for p, t in stated if low <= p < high or p == high == LIMITS[-1]]
+        if here:
+            mean = sum(p for p, _ in here) / len(here)
+            told: Mapping[str, Any] = share(true for _, true in here)
+            bins.append({"from": low, "to": high, "stated": mean, **told})
+    off = sum(b["of"] * abs(b["stated"] - b["share"]) for b in bins)
+    return {"bins": bins, "error": off / len(stated) if stated else None}

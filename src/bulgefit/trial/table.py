@@ -1,0 +1,96 @@
+"""The figures of a trial as a table of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bulgefit.trial.shares import share_text
+
+__all__ = ["report"]
+
+
+def report(scores: Mapping[str, Any]) -> str:
+    """The figures as a table of text."""
+    lines = [f"{scores['tests']} made tests, {scores['failed']} diagnoses failed"]
+    shares = {**scores, **{f"causes_{k}": scores["causes"][k] for k in ("found", "false")}}
+    for key, words in (
+        ("found", "effects named, or in a set of at most two"),
+        ("found_several", "  of tests with three causes and more"),
+        ("families", "  of families"),
+        ("causes_found", "causes found, alone or in a set of two"),
+        ("causes_false", "sure causes that are not there"),
+        ("false_alarms", "false alarms on clean tests"),
+        ("foreign_unknown", "foreign effects answered unknown or partial"),
+        ("places", "foreign effects at their place"),
+        ("spots", "  at their spot, where they have one"),
+        ("false_fields", "tests with a field where nothing foreign is"),
+        ("laws", "laws of families met"),
+        ("struck_right", "effects struck from the catalogue, not misnamed"),
+    ):
+        if shares[key]["of"]:
+            lines.append(f"  {words:<50}{share_text(shares[key])}")
+    for key, words in (
+        ("parameters", "parameters"),
+        ("moduli", "moduli, of what is right,"),
+        ("moduli_all", "moduli, of all,"),
+    ):
+        part = scores[key]
+        if part["within_3_stderr"]["of"]:
+            lines.append(
+                f"  {words + ' within 3 standard errors':<50}{share_text(part['within_3_stderr'])}"
+                f"; median error {100 * part['median_relative']:.1f} %"
+            )
+    held = scores["heldout"]
+    if held["median_ratio"] is not None:
+        lines.append(
+            f"  {'held-out gap, medians':<50}{held['before_mm']:.4f} mm before, "
+            f"{held['after_mm']:.4f} after, noise {held['floor_mm']:.4f} "
+            f"(ratio {held['median_ratio']:.2f})"
+        )
+        lines.append(f"  {'held-out gap <= 1.15 times the noise':<50}{share_text(held['closed'])}")
+    parts = (_confusion_lines, _size_lines, _reliability_lines, _detectable_lines)
+    return "\n".join([*lines, *(line for part in parts for line in ("", *part(scores)))]).rstrip()
+
+
+def _confusion_lines(scores: Mapping[str, Any]) -> list[str]:
+    lines = ["truth".ljust(28) + "answers"]
+    for row, answers in scores["confusion"].items():
+        lines.append(f"{row:<28}" + ", ".join(f"{said} {n}" for said, n in answers.items()))
+    return lines
+
+
+def _size_lines(scores: Mapping[str, Any]) -> list[str]:
+    bands = scores["causes"]["by_size"]
+    if not bands:
+        return []
+    lines = ["causes by what nothing else imitates, over the noise"]
+    for band in bands:
+        above = "and more" if band["to"] is None else f"to {band['to']:g}"
+        lines.append(f"  {band['from']:g} {above:<20}{share_text(band)}")
+    return lines
+
+
+def _reliability_lines(scores: Mapping[str, Any]) -> list[str]:
+    lines = []
+    for what, told in scores["reliability"].items():
+        if told["bins"]:
+            lines.append(f"{what}: stated probability, and true share (off by {told['error']:.3f})")
+        for found in told["bins"]:
+            span = f"{found['from']:g} to {found['to']:g}"
+            lines.append(f"  {span:<16}{100 * found['stated']:>6.1f} %  {share_text(found)}")
+    return lines
+
+
+def _detectable_lines(scores: Mapping[str, Any]) -> list[str]:
+    if not scores["detectable"]:
+        return []
+    head = "effect".ljust(28) + "".join(
+        f"{title:>22}" for title in ("found", "smallest found, mm", "largest missed, mm")
+    )
+    lines = [head]
+    for effect, row in scores["detectable"].items():
+        sizes = (row["smallest_found_mm"], row["largest_missed_mm"])
+        shown = "".join(f"{'-' if size is None else f'{size:.4f}':>22}" for size in sizes)
+        lines.append(f"{effect:<28}{row['found']:>15} of {row['tests']:>3}{shown}")
+    return lines
