@@ -1,9 +1,10 @@
 """The camera's place: where the points are on the fabric, and what is reported of their motion.
 
-Each effect's hook maps displacements at the points, one after the other. In the middle stands what
-all effects together turn and shift the frame by: u_seen = R(X + u) + shift - X, with X where a point
-stands before inflation; then come the lens, depth and the axes of the report (`MOTION`). The map
-acts point by point, so its derivative by the displacement is a 3x3 matrix for each point and frame.
+Each effect's hook maps displacements at the points, one after the other. In the middle stands
+what all effects together turn and shift the frame by: u_seen = R(X + u) + shift - X, with X where
+a point stands before inflation; then come the lens, depth and the axes of the report (`MOTION`).
+The map acts point by point, so its derivative by the displacement is a 3x3 matrix for each point
+and frame.
 """
 
 from __future__ import annotations

@@ -120,7 +120,7 @@ def until_stable(
     for _ in range(_TRIES):
         try:
             return drawn, look(drawn)
-        except UnstableDrawError:  # noqa: PERF203
+        except UnstableDrawError:
             drawn = firm(drawn, rng)
     raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
 
