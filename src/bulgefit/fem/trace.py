@@ -133,7 +133,10 @@ class _Tracer:
         except NewtonError as error:
             self.work += error.work
             self.wasted += error.work
-            self.failure = error
+            # a copy: the error itself holds this object by its traceback, in a circle
+            self.failure = NewtonError(
+                error.reason, error.iteration, error.residual_norm, error.work
+            )
             raise
         self.work += balance.factorisations
         slope = slope_in_pressure(self.membrane, balance, self.stiffness)
