@@ -36,7 +36,7 @@ def istra_step(path: Path, truth, frame: int, masked=(), unit: str | None = "mm"
         ):
             for i, axis in enumerate("xyz"):
                 values = vectors[:, i] * scale
-                values[list(masked)] = 3e38
+                values[list(masked)] = 1.7e308
                 file[f"{group}/{name}_{axis}"] = values.reshape(9, 9)
                 if unit:
                     file[f"{group}/{name}_{axis}"].attrs["unit"] = unit
