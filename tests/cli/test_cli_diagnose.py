@@ -83,7 +83,7 @@ def test_a_diagnosis_to_read_to_draw_and_for_scripts(folder, capsys):
         assert text in output.out
     lines = output.err.splitlines()
     assert any("baseline: the moduli alone" in line for line in lines)
-    assert any("rigid_motion (6 parameters)" in line for line in lines)
+    assert any(line.endswith(": rigid_motion") for line in lines)
     assert "open new/report/summary.html" in lines[-1]
     assert "\r" not in output.err
     found = json.loads((folder / "gap.json").read_text())

@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import explain
 from bulgefit.gap.regress import regress
-from bulgefit.gap.universe import universe
 
 KNEE = CATALOGUE["nonlinear_material"].groups()[1]
 MATERIAL = {"E1": 340.0, "E2": 210.0, "G12": 14.0}
 
 
 @pytest.mark.parametrize("change", [(-0.6, -0.4), (0.9, 0.6)], ids=["softer", "stiffer"])
-def test_a_knee_is_found_beyond_the_linear_step(
+def test_a_knee_is_found_from_either_side(
     made_by_the_model: Callable[..., Data], change: tuple[float, float]
 ) -> None:
     truth = {**MATERIAL, **dict(zip(KNEE, (*change, 0.011, 0.016), strict=True))}
     data = [made_by_the_model(truth, spacing=12.0, frames=10, seed=3)]
-    baseline = regress(data, MODULI, MATERIAL)
-    freed = (*MODULI, *KNEE)
-    start = universe(data, baseline, [CATALOGUE["nonlinear_material"]]).starts(freed, KNEE)
-    assert [start[k] * s > 0.0 for k, s in zip(KNEE, change, strict=False)] == [True, True]
-    fit = regress(data, freed, {**baseline.values, **start})
+    near = dict(zip(KNEE, (*np.sign(change) * 0.3, 0.015, 0.015), strict=True))
+    fit = regress(data, (*MODULI, *KNEE), {**MATERIAL, **near})
     assert fit.converged
     assert fit.values == pytest.approx(truth, rel=0.1)
     assert fit.chi_square < 1.05 * fit.normal.count
@@ -38,7 +33,7 @@ def test_a_valley_of_equal_products_is_followed(
 ) -> None:
     """Far along the valley where E(1 + s), the slope past a knee at little strain, is the same."""
     gains, knees, both = CATALOGUE["nonlinear_material"].groups()
-    slack = CATALOGUE["prestrain"].all_keys
+    slack = CATALOGUE["prestrain"].names
     truth = {"E1": 402.0, "E2": 159.0, "G12": 17.2}
     truth |= dict(zip((*gains, *slack), (1.6, 4.3, -0.0044, 0.0061), strict=True))
     data = [made_by_the_model(truth, spacing=12.0, frames=12, seed=3)]
@@ -68,43 +63,3 @@ def test_a_shear_modulus_held_by_stability_is_told(
     fit = regress(data, MODULI, MATERIAL)
     assert fit.held is held
     assert (fit.values["G12"] < 11.0) == held
-
-
-def test_a_start_stays_where_only_one_side_is_plausible(
-    made_by_the_model: Callable[..., Data],
-) -> None:
-    slip = CATALOGUE["clamp_slip"]
-    data = [made_by_the_model(MATERIAL, spacing=15.0, frames=6, seed=1)]
-    known = universe(data, regress(data, MODULI, MATERIAL), [slip])
-    (key,) = slip.all_keys
-    assert known.starts((*MODULI, key), (key,)) == {key: slip.parameters[0].start}
-
-
-def test_a_small_window_is_judged_by_its_forecast_as_well(
-    made_by_the_model: Callable[..., Data],
-) -> None:
-    """A window of 3.5 mm: the first step from a start at 8 mm promises little."""
-    data = [
-        made_by_the_model({**MATERIAL, "dic_smoothing.window": 3.5}, spacing=6.0, frames=12, seed=3)
-    ]
-    effects = [CATALOGUE["dic_smoothing"], CATALOGUE["clamp_shape"]]
-    with ThreadPoolExecutor(1) as executor:
-        found = explain(data, effects, regress(data, MODULI, MATERIAL), executor)
-    assert [*found.groups] == ["dic_smoothing"]
-    assert found.doubt == ""
-    assert found.final.values["dic_smoothing.window"] == pytest.approx(3.5, rel=0.05)
-
-
-def test_a_window_is_tried_beside_others_whatever_its_forecast(
-    made_by_the_model: Callable[..., Data], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A forecast from no window at all errs, so it is not left out for being a bad one."""
-    monkeypatch.setattr("bulgefit.gap.explain.LATER_REFITS", 0)
-    truth = {**MATERIAL, "registration.y0": -1.0, "dic_smoothing.window": 8.0}
-    data = [made_by_the_model(truth, spacing=9.0, frames=10, seed=3)]
-    effects = [CATALOGUE[name] for name in ("registration", "dic_scale", "dic_smoothing")]
-    with ThreadPoolExecutor(1) as executor:
-        found = explain(data, effects, regress(data, MODULI, MATERIAL), executor)
-    assert {*found.groups} == {"registration", "dic_smoothing"}
-    assert found.doubt == ""
-    assert {k: found.final.values[k] for k in truth} == pytest.approx(truth, rel=0.03)

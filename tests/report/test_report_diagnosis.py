@@ -10,13 +10,14 @@ import pytest
 from matplotlib.image import imread
 
 from bulgefit.dic import BulgeTest
+from bulgefit.effects.fields.base import Sampled
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.explain import FoundField
 from bulgefit.gap.specimen import Specimen
 from bulgefit.report import _diagnosis_words as words
 from bulgefit.report._diagnosis_charts import budget, plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where
-from bulgefit.report._diagnosis_parts import steps_of
 from bulgefit.report.diagnosis import check_report, report_text, write_report
 
 TRUTH = {
@@ -122,17 +123,15 @@ def test_files_are_refused_then_replaced(found, drawn, tmp_path):
 
 
 def replace_groups(found, **changes):
-    """The same search, had held-out data not paid for anything."""
+    """The same search, had the evidence paid for nothing."""
     e = found.explanation
-    rounds = [replace(e.rounds[0], taken=None)]
     kept = replace(
         e,
         final=e.baseline,
         groups={},
         evidence={},
-        rounds=rounds,
+        steps=[],
         remainder=changes.pop("rest", e.start),
-        doubt=changes.pop("doubt", "structure"),
     )
     gaps = {
         **found.gaps,
@@ -177,7 +176,7 @@ def test_budget_goes_from_the_moduli_to_what_is_left(found):
 
 
 def test_a_signature_is_what_the_residual_loses(found):
-    (step,) = steps_of(found)
+    (step,) = found.explanation.steps
     assert step.before is found.explanation.baseline
     assert step.after is found.explanation.final
 
@@ -186,30 +185,44 @@ def test_words_of_every_verdict(found):
     assert "explains the gap down to the noise" in text_of(words.page(found))
     unknown = replace_groups(found)
     text = text_of(words.page(unknown))
-    assert "no effect tried explains" in text
+    assert "No effect that has a name explains the gap: structure is left." in text
     assert "standard errors" in text
     assert "It looks like" in text
-    silent = replace_groups(found, rest=found.explanation.remainder, doubt="")
+    silent = replace_groups(found, rest=found.explanation.remainder)
     silent.verdict = "none"
     assert "good to the noise" in text_of(words.page(silent))
     (cause,) = found.causes
-    traced = replace(found.explanation.remainder, smooth=0.04, by_chance=0.01)
-    for doubt, count, text in [
-        ("trace", 1, "near the noise, but leaves a trace"),
-        ("trace", 3, "together come near the noise, but leave a trace"),
-        ("trace", 3, "0.2 noise units"),
-        ("completion", 2, "takes so little of the gap that it may only take"),
-        ("many", 6, "It takes 6 effects"),
-        ("edge", 2, "would have to leave what is plausible"),
-    ]:
-        near = replace_groups(found, rest=traced, doubt=doubt)
-        near.causes = [replace(cause, partial=True)] * count
-        assert text in text_of(words.page(near))
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
     ambiguous = replace(found, verdict="ambiguous", causes=[split])
     for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):
         assert "one of rigid_motion or fixture_motion" in text
         assert "edge of what is plausible" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("group", "where", "told"),
+    [
+        (
+            "stiffness_field",
+            {"x_mm": -24.0, "y_mm": 4.0},
+            "the place 'material' (relative change of stiffness: up to -0.45 at (-24, 4) mm, 0.26",
+        ),
+        ("rim_field@0", {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
+        ("pressure_field", {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
+    ],
+)
+def test_what_has_no_name_is_told_by_its_place(found, group, where, told):
+    sampled = Sampled(
+        np.array([0.0, -0.45, 0.0]), {k: np.array([0, v, 0]) for k, v in where.items()}
+    )
+    found_field = FoundField(group, sampled)
+    explanation = replace(found.explanation, fields=[found_field])
+    text = text_of(words.page(replace(found, verdict="partial", explanation=explanation)))
+    assert "is sure; beside that, something that has no name sits in the place" in text
+    assert told in text
+    unnamed = replace_groups(found)
+    unnamed.explanation = replace(unnamed.explanation, fields=[found_field])
+    assert told in text_of(words.page(unnamed))
 
 
 def test_a_cause_without_which_nothing_balances(found):
@@ -232,12 +245,6 @@ def test_a_shear_modulus_that_was_held_is_a_limit(found):
     assert f"G12 {base.values['G12']:.3g} at most" in text
     free = replace(biased, bias_held=False)
     assert "G12 comes out 40 % too low" in report_text(replace(found, causes=[free]))
-
-
-def test_hints_are_of_effects_that_exist():
-    from bulgefit.gap.effects import CATALOGUE
-
-    assert set(words._ACTIONS) <= set(CATALOGUE)
 
 
 @pytest.mark.parametrize(

@@ -24,12 +24,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = (
         "Diagnose the gap between a virtual bulge test and the measured one: where it lies, which\n"
-        "effect that the model leaves out causes it, and how far it shrinks once that effect is\n"
-        "added. Effects are judged on data that was not fitted. The verdict is named, ambiguous,\n"
-        "none (good to the noise) or unknown. Several tests share their material, all other\n"
-        "effects are each test's own. Moduli in MPa, pressures in bar, gaps in mm. Effects are\n"
-        "tried side by side, by several --workers (processes) or those of a --scheduler; what is\n"
-        "found does not depend on them."
+        "effects that the model leaves out cause it, and how far it shrinks once they are added.\n"
+        "All effects are freed at once, beside a field in each place for what has no name, and\n"
+        "weighed by evidence. The verdict is none (good to the noise), named, ambiguous,\n"
+        "partial (causes are sure, and something else is left) or unknown. Several tests share\n"
+        "their material, all other effects are each test's own. Moduli in MPa, pressures in bar,\n"
+        "gaps in mm. Refits go side by side, by several --workers (processes) or those of a\n"
+        "--scheduler; what is found does not depend on them."
     )
     parser.epilog = (
         "examples:\n"
@@ -49,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--thorough",
         action="store_true",
-        help="add up to eight effects instead of four: minutes instead of seconds, for tests with "
-        "several causes",
+        help="search by every way, also where the first leaves nothing but noise: minutes instead "
+        "of seconds",
     )
     group.add_argument(
         "--holdout",

@@ -12,18 +12,32 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import entry_points
+from typing import TypeVar
 
 import bulgefit.effects as room
+import bulgefit.effects.fields as fields_room
 from bulgefit.effects.base import PLACES, Effect
+from bulgefit.effects.fields.base import Field
 from bulgefit.effects.parameter import Key, Parameter
 from bulgefit.errors import InputError
 
-__all__ = ["GROUP", "catalogue", "chosen_effects", "effect_named", "own_values", "parameter_named"]
+__all__ = [
+    "GROUP",
+    "acting",
+    "catalogue",
+    "chosen_effects",
+    "effect_named",
+    "fields",
+    "own_values",
+    "parameter_named",
+]
 
 #: Group of entry points by which other packages add effects.
 GROUP = "bulgefit.effects"
 
-_NO_EFFECTS = ("base", "parameter", "places", "registry")
+Kind = TypeVar("Kind", bound=Effect)
+
+_NO_EFFECTS = ("base", "fields", "parameter", "places", "registry")
 
 
 @cache
@@ -42,8 +56,29 @@ def catalogue() -> dict[str, Effect]:
         if effect.id in found:
             raise InputError(f"effect {effect.id} of {point.value}: there is one of that name")
         found[effect.id] = effect
+    return _in_order(found.values())
+
+
+@cache
+def fields() -> dict[str, Field]:
+    """The generic field of every place by its id, in the order in which they act."""
+    found = (
+        importlib.import_module(f"{fields_room.__name__}.{name}").EFFECT
+        for _, name, _ in pkgutil.iter_modules(fields_room.__path__)
+        if name != "base"
+    )
+    return _in_order(found)
+
+
+@cache
+def acting() -> dict[str, Effect]:
+    """Effects and fields by id, in the order in which they act."""
+    return _in_order([*catalogue().values(), *fields().values()])
+
+
+def _in_order(found: Iterable[Kind]) -> dict[str, Kind]:
     rank = {place: k for k, place in enumerate(PLACES)}
-    return {e.id: e for e in sorted(found.values(), key=lambda e: (rank[e.place], e.order, e.id))}
+    return {e.id: e for e in sorted(found, key=lambda e: (rank[e.place], e.order, e.id))}
 
 
 def _brought(name: str, load: object) -> Effect:
@@ -65,8 +100,11 @@ def _brought(name: str, load: object) -> Effect:
 
 
 def effect_named(name: str) -> Effect:
-    """An effect by its id; InputError names those that are near."""
-    known = catalogue()
+    """An effect or a field by its id; InputError names those that are near."""
+    return _known(name, acting())
+
+
+def _known(name: str, known: Mapping[str, Effect]) -> Effect:
     if name not in known:
         near = get_close_matches(name, known, n=3)
         raise InputError(
@@ -96,7 +134,7 @@ def chosen_effects(names: Iterable[str] | None) -> list[Effect]:
     """Effects by id (default: all), in the catalogue's order; InputError for unknown ones."""
     if names is None:
         return list(catalogue().values())
-    wanted = {effect_named(name).id for name in names}
+    wanted = {_known(name, catalogue()).id for name in names}
     return [effect for effect in catalogue().values() if effect.id in wanted]
 
 

@@ -13,6 +13,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.evidence.coordinates import effect_of, is_field
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.keys import specimen_values
 from bulgefit.gap.specimen import Specimen
@@ -48,8 +49,8 @@ class Advice:
 def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     """Measurements ranked by the separation that the sensitivities predict.
 
-    The leading ambiguity is the first effect that has a rival against that; without one, what the
-    last round took, or would have taken, against the candidate that came next.
+    The leading ambiguity is the first effect that has a rival against that; without one, the least
+    sure effect against the most probable one that is not in the model.
     """
     pair = _leading(found)
     if pair is None:
@@ -87,16 +88,17 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
 
 
 def _leading(found: Explanation) -> tuple[str, str] | None:
-    for effect, evidence in found.evidence.items():
-        if evidence.rivals:
-            return effect, evidence.rivals[0]
-    rounds = [r for r in found.rounds if len(r.candidates) > 1]
-    if not rounds:
+    """What is least sure of the model, and what may be in its place, or beside it."""
+    causes = {g: e for g, e in found.evidence.items() if not is_field(g)}
+    for group, evidence in causes.items():
+        if evidence.rivals and not is_field(evidence.rivals[0]):
+            return effect_of(group), effect_of(evidence.rivals[0])
+    others = {effect_of(g): p for g, p in found.others.items() if not is_field(g)}
+    if not causes or not others:
         return None
-    last = rounds[-1]
-    pick = last.taken.effect if last.taken else last.candidates[0].effect
-    others = [c.effect for c in last.candidates if c.effect != pick]
-    return (pick, others[0]) if others else None
+    doubted = min(causes, key=lambda g: causes[g].probability)
+    rest = {e: p for e, p in others.items() if e != effect_of(doubted)}
+    return (effect_of(doubted), max(rest, key=lambda e: rest[e])) if rest else None
 
 
 def _first_group(effect: str) -> tuple[str, ...]:

@@ -65,6 +65,8 @@ class Data:
         Factor on variances of means: noise that is correlated in space counts less.
     persistent : float
         Share of the noise's variance that is the same in every frame.
+    mesh : (frames, points, 3) array or None, mm
+        What the correction leaves of the mesh's error; None where it is not known.
     """
 
     specimen: Specimen
@@ -72,10 +74,32 @@ class Data:
     used: NDArray[np.bool_]
     inflation: float = 1.0
     persistent: float = 0.0
+    mesh: Floats | None = None
     blocks: Blocks = field(init=False)
 
     def __post_init__(self) -> None:
         self.blocks = Blocks.of(self.specimen.reference, self.specimen.recorded)
+
+    def thinned(self, every: int) -> Data:
+        """With one in so many of its points.
+
+        Points whose noise is correlated say little that their neighbours do not: the rest stand
+        so far apart that fewer of them count as one.
+        """
+        if every <= 1:
+            return self
+        points = np.zeros(len(self.specimen.reference), dtype=bool)
+        points[::every] = True
+        specimen = self.specimen.of(self.specimen.test.select(points=points))
+        specimen.correction = self.specimen.correction
+        return Data(
+            specimen,
+            self.sigma,
+            self.used[:, points],
+            1.0 + (self.inflation - 1.0) / every,
+            self.persistent,
+            None if self.mesh is None else self.mesh[:, points],
+        )
 
     def residual(self, prediction: Prediction) -> Floats:
         """(measured - modelled)/sigma, 0 where unused: (frames, points, 3)."""

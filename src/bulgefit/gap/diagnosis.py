@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
-from bulgefit.gap.explain import Explanation, Round, explain
+from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
+from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
-from bulgefit.gap.keys import at_edge, columns_of, is_field
+from bulgefit.gap.keys import at_edge
 from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
-from bulgefit.gap.normal import shown
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
@@ -36,10 +37,13 @@ from bulgefit.gap.separate import Pair, indistinguishable
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
-__all__ = ["Cause", "Diagnosis", "diagnose"]
+__all__ = ["VERDICTS", "Cause", "Diagnosis", "diagnose"]
 
-#: Where the baseline starts: a coated fabric with stiff shear, which is stable everywhere.
-START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
+#: Version of the JSON.
+FORMAT = 2
+#: Verdicts: nothing need be added; the causes are sure; sets of causes; the causes are sure, and
+#: something else is left; nothing is sure.
+VERDICTS = ("none", "named", "ambiguous", "partial", "unknown")
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,14 @@ class Cause:
     Attributes
     ----------
     effect : str
+    specimen : int or None
+        Whose cause it is, where several are judged together; None for what they share.
+    probability : float
+        From the evidence of all models that were weighed.
     alternatives : tuple of str
         Effects that this data cannot tell from it.
-    parameters : dict of name to {"value", "stderr", "unit"}
+    parameters : dict of name to {"value", "stderr", "unit", "pull"}
+        The pull is the distance from the null in prior widths.
     at_bound : bool
         A parameter sits at the edge of its plausible range.
     share_of_gap : float or None
@@ -66,10 +75,12 @@ class Cause:
         That of G12 is larger still: without the effect the fit asks for a softer one, by which
         frames would lose stability.
     partial : bool
-        True where the effects found do not explain the gap; `doubt.Doubt` says why.
+        True where the effects found do not explain the gap.
     """
 
     effect: str
+    specimen: int | None
+    probability: float
     alternatives: tuple[str, ...]
     parameters: dict[str, dict[str, Any]]
     at_bound: bool
@@ -86,7 +97,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {"named", "ambiguous", "none", "unknown"}
+    verdict : {"none", "named", "ambiguous", "partial", "unknown"}
     causes : list of Cause
     prepared : list of Prepared
     explanation : Explanation
@@ -120,8 +131,10 @@ class Diagnosis:
         """The diagnosis as JSON types."""
         start, rest = self.explanation.start, self.explanation.remainder
         return {
+            "format": FORMAT,
             "verdict": self.verdict,
             "causes": [_cause_dict(c) for c in self.causes],
+            "fields": [_field_dict(self, f) for f in self.explanation.fields],
             "gap": {
                 "baseline": self.gaps["baseline"],
                 "explained": self.gaps["explained"],
@@ -158,7 +171,8 @@ class Diagnosis:
                 if rest.significant
                 else [],
             },
-            "tried": [_round_dict(r) for r in self.explanation.rounds],
+            "tried": [_step_dict(s) for s in self.explanation.steps],
+            "others": self.explanation.others,
             **({} if self.holdout is None else {"holdout": self.holdout.to_dict()}),
             "skipped": self.skipped,
             "warnings": self.warnings,
@@ -211,8 +225,7 @@ def diagnose(
         Candidates; default: the whole catalogue.
     law : {"hencky", "svk"}
     thorough : bool
-        Add up to eight effects instead of four: minutes instead of seconds, for tests with
-        several causes.
+        Search by every way, also where the first leaves nothing but noise.
     seed : int
         Kept for the record; the search draws nothing at random.
     executor : concurrent.futures.Executor, optional
@@ -254,14 +267,14 @@ def diagnose(
         say("baseline: the moduli alone")
         baseline = _baseline(prepared)
         found = explain(
-            data,
+            prepared,
             candidates,
             baseline,
             pool,
-            lambda fit: settle(prepared, fit),
             say,
             thorough=thorough,
         )
+        baseline = found.baseline
         say("held-out gap")
         for one, prediction in zip(prepared, found.final.predictions, strict=True):
             judge_mesh(one, prediction.shapes)
@@ -276,7 +289,7 @@ def diagnose(
         pairs = indistinguishable(found.known)
         if any(e.never_separable for e in candidates):
             pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
-        causes = _causes(found, data)
+        causes = _causes(found)
         advice = advise(data, found)
         met, unmet = None, list[str]()
         if kept_out is not None:
@@ -288,7 +301,7 @@ def diagnose(
             if "creep" in found.groups and kept_out.data.specimen.time is None:
                 unmet.append("the held-out test has no time: it was met without creep")
     return Diagnosis(
-        verdict=_verdict(found, causes),
+        verdict=_verdict(found),
         causes=causes,
         prepared=prepared,
         explanation=found,
@@ -342,77 +355,56 @@ def _few_frames(data: Data) -> Data:
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 
-def _verdict(found: Explanation, causes: Sequence[Cause]) -> str:
-    if found.partial:
-        return "unknown"
+def _verdict(found: Explanation) -> str:
+    causes = [e for group, e in found.evidence.items() if not is_field(group)]
+    if not found.complete:
+        return "partial" if any(e.sure for e in causes) else "unknown"
     if not causes:
         return "none"
-    return "ambiguous" if any(c.alternatives for c in causes) else "named"
+    return "named" if all(e.sure for e in causes) else "ambiguous"
 
 
-def _causes(found: Explanation, data: Sequence[Data]) -> list[Cause]:
-    """What stands in the final model, in the order it came."""
-    first = found.rounds[0].before if found.rounds else 0.0
-    return [
-        _cause(found, effect, keys, max(first - found.final.floor, 1e-9), data)
-        for effect, keys in found.groups.items()
-    ]
+def _causes(found: Explanation) -> list[Cause]:
+    """What has a name in the final model, what is worth most first."""
+    excess = max(found.baseline.held_out() - found.final.floor, 1e-9)
+    return [_cause(found, group, excess) for group in found.groups if not is_field(group)]
 
 
-def _cause(
-    found: Explanation, effect: str, keys: Sequence[str], excess: float, data: Sequence[Data]
-) -> Cause:
-    evidence = found.evidence[effect]
+def _cause(found: Explanation, group: str, excess: float) -> Cause:
+    evidence = found.evidence[group]
+    effect = CATALOGUE[effect_of(group)]
     errors = found.final.standard_errors()
-    units = {p.name: p.unit for p in CATALOGUE[effect].parameters}
     parameters, at_bound = {}, False
-    for key in columns_of(keys):
+    for key in found.groups[group]:
         name = key.partition(".")[2]
         value = found.final.values[key]
         at_bound |= at_edge(key, value)
         parameters[name] = {
             "value": float(value),
             "stderr": float(errors[key]),
-            "unit": units[name.partition("@")[0]],
+            "unit": effect.parameter(name.partition("@")[0]).unit,
+            "pull": evidence.pulls[key],
         }
-    for key in keys:
-        if is_field(key):
-            parameters.update(_offset_sizes(key, found.final, data))
     share, reduction, bias = None, None, {}
     if (without := evidence.without) is not None:
-        gained = without.held_out() - evidence.held_out
+        left = without.held_out()
+        gained = left - found.final.held_out()
         share = float(np.clip(gained / excess, 0.0, 1.0))
-        reduction = float(gained / without.held_out())
+        reduction = float(gained / left)
         bias = {m: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
     return Cause(
-        effect=effect,
-        alternatives=evidence.rivals,
+        effect=effect.id,
+        specimen=specimen_of(group),
+        probability=evidence.probability,
+        alternatives=tuple(effect_of(rival) for rival in evidence.rivals),
         parameters=parameters,
         at_bound=at_bound,
         share_of_gap=share,
         heldout_reduction=reduction,
         bias_if_omitted=bias,
         bias_held=without is not None and without.held,
-        partial=found.partial,
+        partial=not found.complete,
     )
-
-
-def _offset_sizes(key: str, final: Regression, data: Sequence[Data]) -> dict[str, dict[str, Any]]:
-    """Root mean square over the points of their offsets, and of the offsets' errors."""
-    name, _, owner = key.partition(".")[2].partition("@")
-    index = int(owner or 0)
-    d, offset = data[index], final.offsets[index]
-    assert offset is not None
-    # an offset is the sum of h r over that of h², h being what shows of it in a frame
-    weight = np.tensordot(shown(d, final.predictions[index]) ** 2, d.used, 1)
-    known = weight > 0
-    size = np.sqrt((offset**2).mean(axis=0, where=known))
-    error = d.sigma * np.sqrt((1.0 / np.where(known, weight, 1.0)).mean(axis=0, where=known))
-    end = f"@{owner}" if owner else ""
-    return {
-        f"{name}_{axis}{end}": {"value": float(s), "stderr": float(e), "unit": "mm"}
-        for axis, s, e in zip("xyz", size, error, strict=True)
-    }
 
 
 def _left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -476,6 +468,9 @@ def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
 def _cause_dict(cause: Cause) -> dict[str, Any]:
     return {
         "effect": cause.effect,
+        "place": CATALOGUE[cause.effect].place,
+        "specimen": cause.specimen,
+        "probability": cause.probability,
         "alternatives": list(cause.alternatives),
         "parameters": cause.parameters,
         "at_bound": cause.at_bound,
@@ -511,12 +506,39 @@ def _mode_dict(mode: Mode) -> dict[str, Any]:
     }
 
 
-def _round_dict(found: Round) -> dict[str, Any]:
+def _field_dict(found: Diagnosis, field: FoundField) -> dict[str, Any]:
+    evidence = found.explanation.evidence[field.group]
+    kind = fields()[effect_of(field.group)]
+    largest, where = field.sampled.largest
+    before, final = found.explanation.baseline, found.explanation.final
+    share = None
+    if (without := evidence.without) is not None:
+        excess = max(before.held_out() - final.floor, 1e-9)
+        share = float(np.clip((without.held_out() - final.held_out()) / excess, 0.0, 1.0))
     return {
-        "heldout_before": found.before,
-        "taken": found.taken.effect if found.taken else None,
+        "place": kind.place,
+        "field": kind.id,
+        "specimen": specimen_of(field.group),
+        "probability": evidence.probability,
+        "alternatives": sorted({acting()[effect_of(r)].place for r in evidence.rivals}),
+        "quantity": kind.quantity,
+        "rms": field.sampled.rms,
+        "unit": kind.unit,
+        "where": where,
+        "largest": largest,
+        "share_of_gap": share,
+    }
+
+
+def _step_dict(step: Step) -> dict[str, Any]:
+    return {
+        "heldout_before": step.before.held_out(),
+        "taken": step.group,
         "candidates": [
-            {"effect": c.effect, "parameters": round(c.size), "heldout": c.held_out}
-            for c in found.candidates
+            {
+                "effect": step.group,
+                "parameters": len(step.after.keys) - len(step.before.keys),
+                "heldout": step.after.held_out(),
+            }
         ],
     }

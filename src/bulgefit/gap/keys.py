@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from bulgefit.effects.registry import acting
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
 
@@ -34,7 +35,7 @@ _MODULUS_BOUNDS = {"E1": (20.0, 3000.0), "E2": (20.0, 3000.0), "G12": (0.5, 1000
 def own_key(name: str, index: int, several: bool) -> str:
     """The regression's name of a model parameter of specimen `index`."""
     effect = name.partition(".")[0]
-    shared = name in MODULI or CATALOGUE[effect].shared
+    shared = name in MODULI or acting()[effect].shared
     return f"{name}@{index}" if several and not shared else name
 
 
@@ -74,7 +75,7 @@ def bounds_of(key: str) -> tuple[float, float]:
     if name in _MODULUS_BOUNDS:
         return _MODULUS_BOUNDS[name]
     effect, _, parameter = name.partition(".")
-    (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
+    found = acting()[effect].parameter(parameter)
     return found.lower, found.upper
 
 
@@ -97,7 +98,7 @@ def start_of(key: str, data: Sequence[Data]) -> float:
     if name == "poisson_ratio.nu12":
         return data[int(owner) if owner else 0].specimen.test.poisson_ratio
     effect, _, parameter = name.partition(".")
-    (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
+    found = acting()[effect].parameter(parameter)
     return found.start if found.start is not None else null_of(key, data)
 
 
@@ -105,7 +106,7 @@ def null_of(key: str, data: Sequence[Data]) -> float:
     """The value at which a parameter's effect is absent."""
     name, _, owner = key.partition("@")
     effect, _, parameter = name.partition(".")
-    null = CATALOGUE[effect].parameter(parameter).null if effect in CATALOGUE else 0.0
+    null = acting()[effect].parameter(parameter).null if effect in acting() else 0.0
     if null is None:
         null = data[int(owner) if owner else 0].specimen.nulls()[name]
     return null

@@ -21,6 +21,7 @@ __all__ = [
     "Prepared",
     "correct_discretisation",
     "drop_outliers",
+    "fix_units",
     "judge_mesh",
     "prepare",
     "renew",
@@ -206,6 +207,25 @@ def judge_mesh(prepared: Prepared, shapes: Shapes) -> None:
     """How far the corrected model still is from a mesh without end."""
     left = mesh_remainder(prepared.data.specimen, shapes)
     prepared.mesh_error = None if left is None else _size(left)
+
+
+def fix_units(prepared: Prepared, shapes: Shapes) -> None:
+    """The mesh's error, what is left of it, noise and outliers as they are at a good fit.
+
+    All models are then compared in these units.
+    """
+    data = prepared.data
+    specimen = data.specimen
+    correct_discretisation(prepared, shapes)
+    modelled = specimen.observe(shapes).displacement
+    renew_noise(prepared, modelled)
+    drop_outliers(prepared, modelled)
+    left = mesh_remainder(specimen, shapes)
+    if left is not None and specimen.correction is not None:
+        once = specimen.correction
+        specimen.correction = once + left
+        data.mesh = specimen.observe(shapes).displacement - modelled
+        specimen.correction = once
 
 
 def _size(field: Floats | None) -> Floats:

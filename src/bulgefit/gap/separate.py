@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.explain import Known
 from bulgefit.gap.keys import effect_of
-from bulgefit.gap.universe import Universe
 
 __all__ = ["Pair", "cosine_matrix", "indistinguishable", "norms_left"]
 
@@ -28,9 +28,9 @@ class Pair:
     cosine: float
 
 
-def _projected(known: Universe, keys: Sequence[str]) -> tuple[Floats, Floats]:
+def _projected(known: Known, keys: Sequence[str]) -> tuple[Floats, Floats]:
     """Normal matrix of `keys` with the moduli projected out, and their norms before."""
-    h = known.normal.whole.hessian
+    h = known.hessian
     base = [known.keys.index(m) for m in MODULI]
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]
@@ -39,14 +39,14 @@ def _projected(known: Universe, keys: Sequence[str]) -> tuple[Floats, Floats]:
     return left, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 
-def norms_left(known: Universe, keys: Sequence[str]) -> dict[str, float]:
+def norms_left(known: Known, keys: Sequence[str]) -> dict[str, float]:
     """Share of each signature's norm that the moduli cannot absorb."""
     left, before = _projected(known, keys)
     return dict(zip(keys, (np.sqrt(np.maximum(np.diag(left), 0.0)) / before).tolist(), strict=True))
 
 
-def _first_groups(known: Universe) -> dict[str, list[str]]:
-    """Effects with the keys of their smallest group that the universe holds."""
+def _first_groups(known: Known) -> dict[str, list[str]]:
+    """Effects with the keys of their smallest group that are known."""
     groups: dict[str, list[str]] = {}
     for key in known.keys:
         effect = effect_of(key)
@@ -56,7 +56,7 @@ def _first_groups(known: Universe) -> dict[str, list[str]]:
     return groups
 
 
-def cosine_matrix(known: Universe) -> tuple[list[str], Floats]:
+def cosine_matrix(known: Known) -> tuple[list[str], Floats]:
     """Effects, and the largest cosine between each two groups of signatures.
 
     The cosine of the smallest angle between the two spaces (Björck and Golub, 1973).
@@ -86,7 +86,7 @@ def _inverse_root(matrix: Floats) -> Floats:
     return (vectors[:, kept] / np.sqrt(values[kept])).T * scale
 
 
-def indistinguishable(known: Universe) -> list[Pair]:
+def indistinguishable(known: Known) -> list[Pair]:
     """Pairs of effects that are alike, most alike first."""
     names, cosine = cosine_matrix(known)
     pairs = [

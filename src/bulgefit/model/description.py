@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.places import LEAST_SLIP, Clamping, Cloth, Load
-from bulgefit.effects.registry import catalogue, own_values, parameter_named
+from bulgefit.effects.registry import acting, own_values, parameter_named
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.geometry import SHAPE
@@ -100,7 +101,7 @@ def null_values(poisson_ratio: float) -> dict[str, float]:
     """Values at which effects are absent where that is what a test states, by name."""
     return {
         f"{effect.id}.{p.name}": poisson_ratio
-        for effect in catalogue().values()
+        for effect in acting().values()
         for p in effect.parameters
         if p.null is None
     }
@@ -111,7 +112,7 @@ def active_effects(values: Values, nulls: Values, freed: Iterable[str] = ()) -> 
     wanted = {name.partition(".")[0] for name in freed}
     named = {name.partition(".")[0] for name in values}
     found: Active = []
-    for effect in catalogue().values():
+    for effect in acting().values():
         if effect.id not in named and effect.id not in wanted:
             continue
         own = own_values(effect, values, nulls)
@@ -197,6 +198,7 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
     )
 
 
+@lru_cache(maxsize=8)
 def _gauss_points(mesh: Mesh) -> Floats:
     """(m, 4, 2) mm."""
     return np.einsum("ga,max->mgx", SHAPE, mesh.nodes[mesh.cells])

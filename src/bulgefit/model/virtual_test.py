@@ -151,7 +151,7 @@ class VirtualTest:
         slips = False
         while True:
             here = self._describe(values, slips=slips)
-            changes = {name: self._change(name, values, slips) for name in names}
+            changes = {n: self._change(n, values, slips) for n in names if _of_fabric(n)}
             ends = [d for c in changes.values() for d in (c.below, c.above)]
             if slips or here.fabric.compliance is not None:
                 break
@@ -387,6 +387,12 @@ def virtual_tests(
     return tuple(
         VirtualTest(test, setup, threads, inflations[test.radius, test.thickness]) for test in tests
     )
+
+
+def _of_fabric(name: str) -> bool:
+    """Whether a parameter may change shapes: those of the cameras alone do not."""
+    hooks = ("outline", "height", "clamp", "material", "load")
+    return name in CONSTANTS or effect_named(name.partition(".")[0]).uses(*hooks)
 
 
 def _some(places: Places, points: slice | NDArray[np.intp]) -> Places:

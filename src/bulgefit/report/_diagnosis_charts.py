@@ -12,7 +12,7 @@ from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.measure import fitted_gap, held_out_gap, weight_of
 from bulgefit.gap.separate import ALIKE, cosine_matrix
 from bulgefit.report import _figure
-from bulgefit.report._diagnosis_parts import data_of, steps_of
+from bulgefit.report._diagnosis_parts import data_of
 
 __all__ = ["budget", "mesh_error", "plot_budget", "plot_cosines"]
 
@@ -64,7 +64,7 @@ def budget(diagnosis: Diagnosis) -> dict[str, list[tuple[str, float]]]:
     """e_w (mm) with the moduli alone and after each effect: "fitted" and "held-out"."""
     data = data_of(diagnosis)
     weight, gaps = weight_of(data), diagnosis.gaps
-    steps = steps_of(diagnosis)
+    steps = diagnosis.explanation.steps
     out = {
         "fitted": [("moduli alone", gaps["baseline"]["e_w"])],
         "held-out": [("moduli alone", gaps["heldout_baseline"]["e_w"])],
@@ -78,10 +78,10 @@ def budget(diagnosis: Diagnosis) -> dict[str, list[tuple[str, float]]]:
         except BulgefitError:  # counts with its successor
             continue
         for rows, value in zip(out.values(), found, strict=True):
-            rows.append((step.effect, value))
+            rows.append((step.group, value))
     if steps:
-        out["fitted"].append((steps[-1].effect, gaps["explained"]["e_w"]))
-        out["held-out"].append((steps[-1].effect, gaps["heldout_explained"]["e_w"]))
+        out["fitted"].append((steps[-1].group, gaps["explained"]["e_w"]))
+        out["held-out"].append((steps[-1].group, gaps["heldout_explained"]["e_w"]))
     return out
 
 

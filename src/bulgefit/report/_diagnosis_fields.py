@@ -11,7 +11,6 @@ from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
     COMPONENTS,
     SIGNED,
-    Step,
     colour_bar,
     data_of,
     draw_points,
@@ -20,7 +19,6 @@ from bulgefit.report._diagnosis_parts import (
     outer_ticks,
     residual_of,
     rms,
-    steps_of,
     with_causes,
 )
 
@@ -93,11 +91,11 @@ def _span(component: int, *fields: np.ndarray) -> tuple[float, float, str]:
 def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool) -> bool:
     """Maps of what each leading effect adds to the model, beside the residual it found.
 
-    Without an effect in the model, the best candidate is drawn; False where none was tried.
+    False where there is none.
     """
     from matplotlib.figure import Figure
 
-    steps = steps_of(diagnosis)[:MOST_EFFECTS] or _best_candidate(diagnosis)
+    steps = diagnosis.explanation.steps[:MOST_EFFECTS]
     if not steps:
         return False
     data = data_of(diagnosis)[index]
@@ -106,8 +104,7 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
     figure = Figure(figsize=(2.35 * width + 1.2, 7.6 * len(steps) + 0.5), layout="constrained")
     blocks = figure.subfigures(len(steps), 1, hspace=0.03, squeeze=False)
     for block, step in zip(blocks[:, 0], steps, strict=True):
-        note = "" if step.taken else " (tried; held-out data do not pay for it)"
-        block.suptitle(f"{step.effect}{note}", fontsize=_figure.FONT + 2, fontweight="bold")
+        block.suptitle(step.group, fontsize=_figure.FONT + 2, fontweight="bold")
         panels = block.subplots(3, width)
         before = residual_of(data, step.before, index)[frames]
         after = residual_of(data, step.after, index)[frames]
@@ -119,7 +116,7 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
             limit = limit_of(fields[0], fields[1])
             for k, frame in enumerate(frames):
                 bar = f"{10.0 * data.specimen.recorded[frame]:.3g} bar"
-                titles = ("residual before", f"what {step.effect} adds", "what is left")
+                titles = ("residual before", f"what {step.group} adds", "what is left")
                 for place, (title, field) in enumerate(zip(titles, fields, strict=True)):
                     panel = row[3 * k + place]
                     drawn = draw_points(panel, data, field[k], -limit, limit, SIGNED)
@@ -129,11 +126,3 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
         outer_ticks(panels, data.specimen.test.radius)
     _figure.save(figure, path, force)
     return True
-
-
-def _best_candidate(diagnosis: Diagnosis) -> list[Step]:
-    found = diagnosis.explanation
-    if not found.rounds or not found.rounds[0].candidates:
-        return []
-    best = found.rounds[0].candidates[0]
-    return [Step(best.effect, found.baseline, best.fit, taken=False)]

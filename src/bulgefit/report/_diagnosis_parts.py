@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from bulgefit.report import _figure
 __all__ = [
     "COMPONENTS",
     "SIGNED",
-    "Step",
     "colour_bar",
     "data_of",
     "draw_points",
@@ -26,7 +24,6 @@ __all__ = [
     "outer_ticks",
     "residual_of",
     "rms",
-    "steps_of",
     "with_causes",
 ]
 
@@ -38,40 +35,6 @@ SIGNED = "PuOr_r"
 
 _PIXELS = 160  # of a map, each way
 _SHARE = 98.0  # percentile of |value| at which colours end
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One effect added to the model.
-
-    Attributes
-    ----------
-    effect : str
-    before, after : Regression
-        Fits without and with it.
-    taken : bool
-        False where held-out data did not pay for it.
-    """
-
-    effect: str
-    before: Regression
-    after: Regression
-    taken: bool = True
-
-
-def steps_of(diagnosis: Diagnosis) -> list[Step]:
-    """The effects that stayed in the model, in the order in which they were added.
-
-    What an effect brought that a later one made superfluous counts with its successor.
-    """
-    found = diagnosis.explanation
-    kept = [r.taken for r in found.rounds if r.taken and r.taken.effect in found.groups]
-    names = [taken.effect for taken in kept]
-    fits = [found.baseline, *(taken.fit for taken in kept)]
-    # what came by an exchange came last
-    late = [effect for effect in found.groups if effect not in names][:1]
-    fits = [*fits, found.final] if late else [*fits[:-1], found.final]
-    return [Step(name, fits[i], fits[i + 1]) for i, name in enumerate([*names, *late])]
 
 
 def data_of(diagnosis: Diagnosis) -> list[Data]:

@@ -6,35 +6,18 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from bulgefit.effects.registry import fields
 from bulgefit.gap.diagnosis import Cause, Diagnosis
 from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.evidence.coordinates import effect_of
+from bulgefit.gap.evidence.probability import SURE
+from bulgefit.gap.explain import FoundField
 from bulgefit.gap.locate import azimuthal_modes
 from bulgefit.gap.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
 from bulgefit.report._diagnosis_parts import data_of
 
 __all__ = ["Block", "page", "table", "value_text"]
-
-#: What a laboratory can do about an effect, beside freeing it in the model.
-_ACTIONS = {
-    "initial_shape": "scan the mounted fabric before inflation, or mount it flatter",
-    "clamp_shape": "measure the clamp's opening along warp and fill",
-    "prestrain": "weigh down or measure the tension at mounting, the same for every specimen",
-    "clamp_slip": "tighten the clamp, or mark the fabric at the rim and look for motion",
-    "axis_misalignment": "draw the warp direction on the specimen and mount it by that line",
-    "poisson_ratio": "take nu12 from a biaxial test",
-    "nonlinear_material": "check with a biaxial test over the same strains",
-    "stiffness_gradient": "measure thickness or coating weight across the specimen",
-    "creep": "hold the highest pressure for some minutes and film it",
-    "pressure_offset": "zero the pressure gauge with the chamber open before each test",
-    "pressure_gain": "calibrate the pressure gauge",
-    "rigid_motion": "check the camera mount; take the reference image just before inflation",
-    "fixture_motion": "brace the fixture, or film marks on the clamp to take its motion off",
-    "reference_state": "take the reference image with the fabric flat and without pressure",
-    "registration": "film marks on the clamp and put the origin at their centre",
-    "dic_scale": "repeat the calibration of the cameras",
-    "dic_smoothing": "evaluate the images with a smaller subset or strain filter",
-}
 
 _MOST_PARAMETERS, _MOST_CELLS, _MOST_MODES = 9, 6, 5
 #: Separation (standard errors) from which two explanations need no further measurement.
@@ -180,32 +163,32 @@ def _verdict(diagnosis: Diagnosis) -> str:
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
-    doubt = diagnosis.explanation.doubt
-    if doubt == "many":
-        return (
-            f"It takes {len(causes)} effects to come down to the noise, and so many can imitate "
-            f"anything: {named} help, but what they stand in for is not known."
-        )
-    if doubt == "trace":
-        return (
-            f"{named} {'comes' if len(causes) == 1 else 'together come'} near the noise, but "
-            f"{'leaves' if len(causes) == 1 else 'leave'} a trace of the gap's own pattern as "
-            "effects that stand in for something else do; what that is, is not known."
-        )
-    if doubt == "completion":
-        return (
-            f"{named} together come down to the noise, but one of them is flexible, and one takes "
-            "so little of the gap that it may only take what the others miss of something else; "
-            "what that is, is not known."
-        )
-    if doubt == "edge":
-        return (
-            f"{named} {'comes' if len(causes) == 1 else 'together come'} down to the noise, but a "
-            "parameter would have to leave what is plausible, as where something else is imitated; "
-            "what that is, is not known."
-        )
-    start = "Significant structure is left that no effect tried explains"
-    return f"{start}; {named} {_helps(causes)} in part." if causes else f"{start}."
+    places = _listed([_place(f) for f in diagnosis.explanation.fields])
+    left = f"something that has no name sits in {places}" if places else "structure is left"
+    if diagnosis.verdict == "partial":
+        sure = _listed([_called(c) for c in causes if c.probability >= SURE])
+        return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
+    helps = f"; {named} {_helps(causes)} in part" if causes else ""
+    return f"No effect that has a name explains the gap: {left}{helps}."
+
+
+def _place(found: FoundField) -> str:
+    """Where a field sits, and how large it is."""
+    kind = fields()[effect_of(found.group)]
+    largest, where = found.sampled.largest
+    unit = "" if kind.unit == "1" else f" {kind.unit}"
+    return (
+        f"the place {kind.place!r} ({kind.quantity}: up to {largest:+.3g}{unit} at "
+        f"{_where(where)}, {found.sampled.rms:.2g}{unit} on the whole)"
+    )
+
+
+def _where(where: dict[str, float]) -> str:
+    if "x_mm" in where:
+        return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
+    if "angle_degree" in where:
+        return f"{where['angle_degree']:.0f}° from x"
+    return f"{where['pressure_bar']:.3g} bar"
 
 
 def _held_out_test(diagnosis: Diagnosis) -> str:
@@ -244,17 +227,22 @@ def _parameters(diagnosis: Diagnosis, cause: Cause) -> Iterator[tuple[str, str]]
 
 
 def _evidence(cause: Cause) -> str:
-    parts = [*_worth(cause)]
+    parts = [f"Its probability is {_chance(cause.probability)}.", *_worth(cause)]
     if cause.alternatives:
         parts.append(
             f"This data cannot tell it from {_listed(cause.alternatives, 'or')}; it is given "
-            "because it has the fewest parameters."
+            "because it is the most probable."
         )
     if cause.at_bound:
         parts.append("A parameter sits at the edge of what is plausible: do not take it as it is.")
     if cause.partial:
         parts.append("It is a part of the answer only.")
     return " ".join(parts)
+
+
+def _chance(probability: float) -> str:
+    """A probability, without more nines than a search can know."""
+    return "over 0.999" if probability > 0.999 else f"{probability:.3f}"
 
 
 def _worth(cause: Cause) -> Iterator[str]:
@@ -325,11 +313,6 @@ def _shrinkage(diagnosis: Diagnosis) -> str:
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:
     rest = diagnosis.explanation.remainder
-    if diagnosis.verdict == "unknown" and not rest.significant and rest.smooth > rest.by_chance:
-        return [
-            f"A smooth pattern of {math.sqrt(rest.smooth):.2g} noise units that keeps from frame "
-            "to frame; each place by itself is within what is granted to the model's error."
-        ]
     if not rest.significant:
         return ["Nothing that noise could not have made."]
     several = len(diagnosis.tests) > 1
@@ -378,7 +361,10 @@ def _cell(cell: Cell, several: bool) -> str:
 
 def _actions(diagnosis: Diagnosis) -> list[str]:
     effects = dict.fromkeys(e for c in diagnosis.causes for e in (c.effect, *c.alternatives))
-    items = [f"{e}: {_ACTIONS[e]}." for e in effects if e in _ACTIONS]
+    items = [f"{e}: {CATALOGUE[e].remedy}." for e in effects if e in CATALOGUE]
+    for found in diagnosis.explanation.fields:
+        kind = fields()[effect_of(found.group)]
+        items.append(f"{kind.id}: {kind.remedy}.")
     if any(p.noise.source != "static images" for p in diagnosis.prepared):
         items.append(
             "Film some ten images at rest before inflation: the noise had to be judged from the "
@@ -447,5 +433,5 @@ def _alike(diagnosis: Diagnosis) -> Iterator[str]:
         if near:
             yield (
                 f"{cause.effect} looks much like {_listed(near)} in this data (cosine in "
-                "brackets); held-out data prefers it still."
+                "brackets); the evidence prefers it still."
             )

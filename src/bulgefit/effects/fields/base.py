@@ -1,0 +1,67 @@
+"""What is a field? An effect of many small parts, that says where in its place something sits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Effect, Own
+
+__all__ = ["Field", "Sampled"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """A field at many places.
+
+    Attributes
+    ----------
+    values : (m,) array
+    where : dict of name to (m,) array
+        `x_mm` and `y_mm`, `angle_degree`, or `pressure_bar`.
+    """
+
+    values: Floats
+    where: dict[str, Floats]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the values."""
+        return float(np.sqrt((self.values**2).mean()))
+
+    @property
+    def largest(self) -> tuple[float, dict[str, float]]:
+        """The value that is furthest from zero, and where it is."""
+        at = int(np.argmax(np.abs(self.values)))
+        return float(self.values[at]), {k: float(v[at]) for k, v in self.where.items()}
+
+
+class Field(Effect):
+    """An effect without a name: of its place, whatever it may be.
+
+    Attributes
+    ----------
+    quantity : str
+        What varies, in a few words.
+    unit : str
+    """
+
+    quantity: ClassVar[str] = ""
+    unit: ClassVar[str] = "1"
+
+    def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
+        """The field over its place.
+
+        Parameters
+        ----------
+        own : mapping
+            Values of its parameters.
+        radius : float, mm
+        pressure : (frames,) array, MPa
+        """
+        raise NotImplementedError

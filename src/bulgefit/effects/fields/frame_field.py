@@ -1,0 +1,75 @@
+"""The cameras' place: frames that move or bend against each other, however they do."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Own, several
+from bulgefit.effects.fields.base import Field, Sampled
+from bulgefit.effects.places import Scene
+
+__all__ = ["EFFECT"]
+
+Floats = NDArray[np.float64]
+
+_BAR = 0.1
+#: Powers of x/a and y/a of each component's terms: to first order those of a frame that moves and
+#: stretches, and of the second for heights, which a stereo pair sees least surely.
+_TERMS = {
+    "x": ((0, 0), (1, 0), (0, 1)),
+    "y": ((0, 0), (1, 0), (0, 1)),
+    "z": ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)),
+}
+#: Functions cos(kπ p/p_max), k from 0: what goes smoothly through the test.
+_WAYS = 4
+_SHARES = tuple((axis, i, j, k) for axis, t in _TERMS.items() for i, j in t for k in range(_WAYS))
+_NAMES = tuple(f"{axis}{i}{j}_{k}" for axis, i, j, k in _SHARES)
+
+
+class FrameField(Field):
+    """u_seen = u + Σ c x^i y^j cos(kπ p/p_max), for each component."""
+
+    id = "frame_field"
+    place = "camera"
+    meaning = "the frames move or bend against each other"
+    remedy = "hold cameras and clamp on one frame; film a fixed mark beside the clamp"
+    quantity = "displacement that is none of the fabric's"
+    unit = "mm"
+    parameters = several(
+        _NAMES,
+        "mm",
+        5.0,
+        prior=0.15,
+        reason="cameras drift and warm up by some tenths of a millimetre at the specimen",
+        step=1e-3,
+    )
+    order = 9
+
+    def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
+        """See the class."""
+        if not any(own[name] for name in _NAMES):
+            return moved
+        return moved + _seen(own, scene.reference[:, :2] / scene.radius, scene.pressure)
+
+    def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
+        """Root mean square over the disc, at each pressure."""
+        line = np.linspace(-1.0, 1.0, 21)
+        grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+        seen = _seen(own, grid[np.hypot(*grid.T) <= 1.0], pressure)
+        size = np.sqrt((seen**2).sum(axis=2).mean(axis=1))
+        return Sampled(size, {"pressure_bar": pressure / _BAR})
+
+
+def _seen(own: Own, unit: Floats, pressure: Floats) -> Floats:
+    """The field (frames, n, 3) mm at points (n, 2) of the unit disc."""
+    way = np.pi * pressure / pressure.max()
+    x, y = unit.T
+    out = np.zeros((len(pressure), len(unit), 3))
+    for name, (axis, i, j, k) in zip(_NAMES, _SHARES, strict=True):
+        if own[name]:
+            out[:, :, "xyz".index(axis)] += own[name] * np.outer(np.cos(k * way), x**i * y**j)
+    return out
+
+
+EFFECT = FrameField()

@@ -1,0 +1,84 @@
+"""The material's place: stiffness that varies over the cloth, however it does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Own, several
+from bulgefit.effects.fields.base import Field, Sampled
+from bulgefit.effects.places import Cloth
+
+__all__ = ["EFFECT"]
+
+Floats = NDArray[np.float64]
+
+#: Spacing and width (standard deviation) of the bumps over the clamp's radius: their sum can follow
+#: what is wider than a bump, without ripples of its own.
+_SPACING, _WIDTH = 0.22, 0.19
+_REACH = int(0.95 / _SPACING)
+CENTRES = np.array(
+    [
+        (_SPACING * i, _SPACING * j)
+        for i in range(-_REACH, _REACH + 1)
+        for j in range(-_REACH, _REACH + 1)
+        if np.hypot(_SPACING * i, _SPACING * j) <= 0.95
+    ]
+)
+_NAMES = tuple(f"b{k}" for k in range(len(CENTRES)))
+#: Points at which the field is looked at, along either axis.
+_LOOK = 96
+
+
+class StiffnessField(Field):
+    """Stiffness (thickness) times exp(Σ b_k exp(-|p - p_k|²/2w²)), bumps on a square grid."""
+
+    id = "stiffness_field"
+    place = "material"
+    meaning = "the cloth's stiffness varies from place to place"
+    remedy = "look at the cloth there: coating, seams, repairs; cut another specimen"
+    quantity = "relative change of stiffness"
+    parameters = several(
+        _NAMES,
+        "1",
+        2.0,
+        prior=0.15,
+        reason="coating, weave and seams change stiffness by tenths within some centimetres",
+        step=1e-3,
+    )
+    shared = False
+
+    def material(self, own: Own, cloth: Cloth) -> Cloth:
+        """See the class."""
+        heights = np.array([own[name] for name in _NAMES])
+        if not heights.any():
+            return cloth
+        return replace(cloth, thickness=cloth.thickened(np.exp(_bumps(cloth.points) @ heights)))
+
+    def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
+        """Over the disc."""
+        line = np.linspace(-0.95, 0.95, _LOOK)
+        grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+        grid = grid[np.hypot(*grid.T) <= 0.95]
+        heights = np.array([own[name] for name in _NAMES])
+        x, y = radius * grid.T
+        return Sampled(np.expm1(_bumps(grid) @ heights), {"x_mm": x, "y_mm": y})
+
+
+def _bumps(points: Floats) -> Floats:
+    """Bumps (..., k) at points (..., 2) of the unit disc."""
+    return _bumps_of(np.ascontiguousarray(points).tobytes()).reshape(*points.shape[:-1], -1)
+
+
+@lru_cache(maxsize=4)
+def _bumps_of(points_bytes: bytes) -> Floats:
+    """Bumps (n, k) at points (n, 2), given as bytes: a mesh is looked at thousands of times."""
+    points = np.frombuffer(points_bytes).reshape(-1, 1, 2)
+    square = ((points - CENTRES) ** 2).sum(axis=-1)
+    return np.asarray(np.exp(-0.5 * square / _WIDTH**2))
+
+
+EFFECT = StiffnessField()

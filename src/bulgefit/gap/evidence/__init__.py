@@ -1,0 +1,1 @@
+"""Which effects does the data speak for? All freed at once under priors, then weighed."""

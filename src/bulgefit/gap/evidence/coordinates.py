@@ -1,0 +1,165 @@
+"""Which coordinates does a diagnosis step in: of which parameter, from what null, how wide?
+
+Groups of several specimens are each specimen's own, `id@i`, but for what belongs to the cloth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.effects.base import Effect
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.registry import fields
+from bulgefit.gap.evidence.problem import Group
+
+__all__ = ["MATERIAL", "Coordinate", "Coordinates", "effect_of", "is_field", "specimen_of"]
+
+Floats = NDArray[np.float64]
+
+#: Group of the moduli, which every model has.
+MATERIAL = "moduli"
+#: Centres (MPa) of the moduli's priors, coated fabrics', each a decade wide: they hold for what is
+#: woven, and say next to nothing beside data.
+_MODULI = {"E1": 300.0, "E2": 300.0, "G12": 20.0}
+_DECADE = math.log(10.0)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One coordinate.
+
+    Attributes
+    ----------
+    key : Key
+    parameter : Parameter
+    null, width, lower : float
+        Of the coordinate, not of the value.
+    """
+
+    key: Key
+    parameter: Parameter
+    null: float
+    width: float
+    lower: float
+
+    def value(self, x: float) -> float:
+        """The parameter's value at a coordinate."""
+        return self.parameter.from_coordinate(x)
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """All coordinates of a diagnosis, group by group.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+    every : tuple of Coordinate
+        In the groups' order.
+    """
+
+    groups: tuple[Group, ...]
+    every: tuple[Coordinate, ...]
+
+    @classmethod
+    def of(
+        cls,
+        effects: Iterable[Effect],
+        nulls: Sequence[Mapping[str, float]],
+        priors: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Coordinates:
+        """Of moduli, effects and fields over as many specimens as there are `nulls`.
+
+        Parameters
+        ----------
+        effects : iterable of Effect
+        nulls : sequence of mapping
+            By specimen: of parameters whose null is the test's own.
+        priors : mapping of modulus to (MPa, MPa), optional
+            Centre and standard deviation that are better known.
+        """
+        groups, every = [], list[Coordinate]()
+
+        def add(name: str, place: str, own: list[Coordinate], **more: object) -> None:
+            null, width, lower = np.array([[c.null, c.width, c.lower] for c in own]).T
+            groups.append(Group(name, place, null, width, lower, **more))  # type: ignore[arg-type]
+            every.extend(own)
+
+        add(MATERIAL, "", _moduli(priors or {}), always=True)
+        several = len(nulls) > 1
+        for effect in effects:
+            for index in [None] if effect.shared or not several else range(len(nulls)):
+                own = [_coordinate(effect, p, index, nulls[index or 0]) for p in _stepped(effect)]
+                name = effect.id if index is None else f"{effect.id}@{index}"
+                add(name, effect.place, own, forms=_forms(effect))
+        return cls(tuple(groups), tuple(every))
+
+    def values(self, x: Floats, index: int) -> dict[str, float]:
+        """Parameters of one specimen by their names; those at their null are left out."""
+        return {
+            c.key.name: c.value(at)
+            for c, at in zip(self.every, x, strict=True)
+            if c.key.specimen in (None, index) and (at != c.null or not c.key.effect)
+        }
+
+    def of_specimen(self, columns: Iterable[int], index: int) -> list[int]:
+        """Those of the columns that a specimen has."""
+        return [c for c in columns if self.every[c].key.specimen in (None, index)]
+
+
+def effect_of(group: str) -> str:
+    """The effect's id of a group's."""
+    return group.partition("@")[0]
+
+
+def specimen_of(group: str) -> int | None:
+    """Whose group it is; None for what all specimens share, and where there is only one."""
+    owner = group.partition("@")[2]
+    return int(owner) if owner else None
+
+
+def is_field(group: str) -> bool:
+    """Whether a group is a field, not an effect with a name."""
+    return effect_of(group) in fields()
+
+
+def _moduli(priors: Mapping[str, tuple[float, float]]) -> list[Coordinate]:
+    own = []
+    for name, centre in _MODULI.items():
+        parameter = Parameter(name, "MPa", 0.0, math.inf, null=None, coordinate="log")
+        middle, spread = priors.get(name, (centre, centre * _DECADE))
+        own.append(
+            Coordinate(Key.of(name), parameter, math.log(middle), spread / middle, -math.inf)
+        )
+    return own
+
+
+def _stepped(effect: Effect) -> list[Parameter]:
+    """Parameters of the largest form."""
+    names = {Key.of(name).parameter for name in effect.groups()[-1]}
+    return [p for p in effect.parameters if p.name in names]
+
+
+def _forms(effect: Effect) -> tuple[tuple[int, ...], ...]:
+    order = [f"{effect.id}.{p.name}" for p in _stepped(effect)]
+    return tuple(tuple(sorted(order.index(n) for n in form)) for form in effect.groups())
+
+
+def _coordinate(
+    effect: Effect, p: Parameter, index: int | None, nulls: Mapping[str, float]
+) -> Coordinate:
+    key = Key(effect.id, p.name, index)
+    value = nulls[key.name] if p.null is None else p.null
+    null = p.to_coordinate(value)
+    width = {
+        "linear": p.prior,
+        "log": p.prior / value if value else p.prior,
+        "square": p.prior**2,
+    }[p.coordinate]
+    lower = null if p.begins_at_null else -math.inf
+    return Coordinate(key, p, null, width, lower)

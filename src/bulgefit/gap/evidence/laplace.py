@@ -1,0 +1,119 @@
+"""How well does a model do, over all values that its prior allows? Laplace's approximation.
+
+With the misfit linear near a point (`Linearised`), the noise's inflation v, nulls n and prior
+widths s, the posterior is Gaussian with A = H/v + diag(1/s²), and with b = g/v - (x - n)/s²
+
+    -2 ln Z = |r|²/v + Σ((x - n)/s)² - bᵀA⁻¹b + ln det A + 2 Σ ln s
+
+up to a constant of the data (MacKay, 1992, "Bayesian interpolation", eq. 2.5 ff.). Coordinates that
+end at a lower bound take only the share of either Gaussian above it. A smaller model needs no new
+solve for its forecast: what it lacks is moved to the null in the normal equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr
+
+from bulgefit.gap.evidence.orthant import log_share_above
+from bulgefit.gap.evidence.problem import Columns, Layout, Linearised
+
+__all__ = ["Laplace", "bounded_optimum", "laplace", "quadratic"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Laplace:
+    """A model's evidence and its optimum by one linear step.
+
+    Attributes
+    ----------
+    score : float
+        -2 ln Z.
+    x : (n,) array
+        All coordinates at the optimum; those out of the model at their null.
+    covariance : (p, p) array
+        Of the model's coordinates.
+    """
+
+    score: float
+    x: Floats
+    covariance: Floats
+
+
+def quadratic(
+    here: Linearised, layout: Layout, columns: Columns, inflation: float
+) -> tuple[float, Floats, Floats]:
+    """-2 ln(likelihood × prior) of a model near `here`: value, slope b and matrix A at its x.
+
+    What `here` has derivatives by and the model lacks is moved to its null.
+    """
+    own = np.searchsorted(here.columns, columns)
+    gone = np.setdiff1d(np.arange(len(here.columns)), own)
+    change = layout.null[here.columns[gone]] - here.x[here.columns[gone]]
+    square = here.square - 2.0 * change @ here.gradient[gone]
+    square += change @ here.hessian[np.ix_(gone, gone)] @ change
+    gradient = here.gradient[own] - here.hessian[np.ix_(own, gone)] @ change
+    away = here.x[columns] - layout.null[columns]
+    width = layout.width[columns]
+    value = square / inflation + ((away / width) ** 2).sum()
+    slope = gradient / inflation - away / width**2
+    matrix = here.hessian[np.ix_(own, own)] / inflation + np.diag(width**-2)
+    return float(value), slope, matrix
+
+
+def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float) -> Laplace:
+    """Evidence of the model that frees `columns`, by the misfit near `here`."""
+    value, slope, matrix = quadratic(here, layout, columns, inflation)
+    width, lower = layout.width[columns], layout.lower[columns]
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    factor = cho_factor(matrix * np.outer(scale, scale), lower=True)
+    covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(columns)))
+    step = covariance @ slope
+    log_det = 2.0 * (np.log(np.diag(factor[0])).sum() - np.log(scale).sum())
+    score = value - slope @ step + log_det + 2.0 * np.log(width).sum()
+    bound = np.flatnonzero(np.isfinite(lower))
+    mean = here.x[columns] + step
+    if len(bound):
+        inside = log_share_above(mean[bound], covariance[np.ix_(bound, bound)], lower[bound])
+        prior = log_ndtr((layout.null[columns][bound] - lower[bound]) / width[bound]).sum()
+        score += 2.0 * (prior - inside)
+    x = np.array(layout.null)
+    x[columns] = here.x[columns] + bounded_optimum(slope, matrix, lower - here.x[columns])
+    return Laplace(float(score), x, covariance)
+
+
+def bounded_optimum(slope: Floats, matrix: Floats, lower: Floats) -> Floats:
+    """The step that minimises stepᵀA step - 2 bᵀstep where step ≥ lower, by active sets.
+
+    Parameters
+    ----------
+    slope : (p,) array
+        b.
+    matrix : (p, p) array
+        A, positive definite.
+    lower : (p,) array
+        -inf where there is no bound.
+    """
+    held = np.zeros(len(slope), dtype=bool)
+    step = np.zeros(len(slope))
+    for _ in range(3 * int(np.isfinite(lower).sum()) + 1):
+        free = ~held
+        step[held] = lower[held]
+        rest = slope[free] - matrix[np.ix_(free, held)] @ step[held]
+        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+        below = free & (step < lower)
+        if below.any():
+            held |= below
+            continue
+        pull = slope - matrix @ step
+        inwards = held & (pull > 0.0)
+        if not inwards.any():
+            break
+        held[np.argmax(np.where(inwards, pull, -np.inf))] = False
+    return np.maximum(step, lower)

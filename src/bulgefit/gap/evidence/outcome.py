@@ -1,0 +1,66 @@
+"""A weighed model as a regression: values, errors, held-out misfit; its priors are data."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.gap.evidence.coordinates import Coordinate
+from bulgefit.gap.evidence.descend import Fit
+from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.keys import chain_factor
+from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations
+from bulgefit.gap.regress import Regression
+from bulgefit.model.virtual_test import Prediction
+
+__all__ = ["regression_of"]
+
+Floats = NDArray[np.float64]
+
+
+def regression_of(weighing: Weighing, fit: Fit) -> Regression:
+    """The regression that ended at a fit.
+
+    Standard errors are the posterior's. A fold that is held out is met with what the others and
+    the priors say.
+    """
+    every, columns = weighing.coordinates.every, fit.here.columns
+    chosen = [every[c] for c in columns]
+    keys = tuple(str(c.key) for c in chosen)
+    predictions = []
+    for index, (d, shapes) in enumerate(zip(weighing.data, fit.here.near, strict=True)):
+        names = [every[c].key.name for c in weighing.coordinates.of_specimen(columns, index)]
+        predictions.append(d.specimen.observe(shapes, names))
+    normal = normal_equations(weighing.data, predictions, keys)
+    values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
+    slim = [Prediction(p.displacement, p.derivative[:0], p.shapes) for p in predictions]
+    prior = _prior(chosen, fit.x[columns], weighing.inflation)
+    none: list[Floats | None] = [None] * len(slim)
+    return Regression(
+        keys, values, _with(normal, prior), slim, none, weighing.inflation, fit.converged
+    )
+
+
+def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:
+    """[J r]ᵀ[J r] of the priors as data: one value each, the null, by the parameters' values."""
+    matrix = np.zeros((len(chosen) + 1, len(chosen) + 1))
+    for place, (coordinate, at) in enumerate(zip(chosen, x, strict=True)):
+        value = coordinate.value(at)
+        if coordinate.parameter.coordinate == "square":
+            by_value = chain_factor(str(coordinate.key), {coordinate.key.name: value})
+        else:
+            by_value = 1.0 / coordinate.parameter.slope(value)
+        row = np.sqrt(inflation) / coordinate.width * np.array([by_value, coordinate.null - at])
+        here = np.ix_([place, len(chosen)], [place, len(chosen)])
+        matrix[here] += np.outer(row, row)
+    return matrix
+
+
+def _with(normal: NormalEquations, prior: Floats) -> NormalEquations:
+    """Normal equations with the priors known whatever is held out."""
+    return NormalEquations(
+        Quadratic(normal.whole.matrix + prior),
+        tuple(Quadratic(q.matrix + prior) for q in normal.kept),
+        normal.held,
+        normal.count,
+    )

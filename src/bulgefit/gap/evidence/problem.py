@@ -1,0 +1,183 @@
+"""What is weighed: groups of coordinates under Gaussian priors, and the misfit near a point."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Columns", "Group", "Layout", "Linearised", "Model", "Problem", "freeze"]
+
+Floats = NDArray[np.float64]
+Columns = NDArray[np.intp]
+
+#: Groups that are free, each in one of its forms: pairs of id and form.
+Model = frozenset[tuple[str, int]]
+
+
+def freeze(forms: Mapping[str, int]) -> Model:
+    """A model from each group's form."""
+    return frozenset(forms.items())
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Coordinates that are freed together: an effect's or a field's.
+
+    Attributes
+    ----------
+    id : str
+    place : str
+        Of the five places; "" for what every model has.
+    null : (k,) array
+        Where the group is absent: the mean of its Gaussian prior.
+    width : (k,) array
+        The prior's standard deviation.
+    lower : (k,) array
+        Below it a coordinate has no meaning (a slip, a squared window); -inf where it has.
+    forms : tuple of tuple of int
+        Coordinates of each form that the group may take, the largest last. Default: all of them.
+    always : bool
+        In every model, as the moduli are.
+    """
+
+    id: str
+    place: str
+    null: Floats
+    width: Floats
+    lower: Floats
+    forms: tuple[tuple[int, ...], ...] = ()
+    always: bool = False
+
+    @property
+    def shapes(self) -> tuple[tuple[int, ...], ...]:
+        """The forms, also where none were named."""
+        return self.forms or (tuple(range(len(self.null))),)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The misfit near a point: |r - J (y - x)|² for y near x, in units of the noise.
+
+    Attributes
+    ----------
+    x : (n,) array
+        The point, by all coordinates.
+    columns : (p,) int array
+        Coordinates with derivatives; the others are as in `x`.
+    square : float
+        rᵀr, r measured minus modelled.
+    gradient : (p,) array
+        Jᵀr.
+    hessian : (p, p) array
+        JᵀJ.
+    near : object
+        What a neighbouring point is sooner found from; the problem's own.
+    """
+
+    x: Floats
+    columns: Columns
+    square: float
+    gradient: Floats
+    hessian: Floats
+    near: Any = None
+
+    def of(self, columns: Columns) -> Linearised:
+        """By some of the coordinates alone."""
+        index = np.searchsorted(self.columns, columns)
+        return Linearised(
+            self.x,
+            columns,
+            self.square,
+            self.gradient[index],
+            self.hessian[np.ix_(index, index)],
+            self.near,
+        )
+
+
+class Problem(Protocol):
+    """Something whose effects are to be weighed.
+
+    Attributes
+    ----------
+    groups : sequence of Group
+    inflation : float
+        Variance of a mean over that of independent noise: the sum of squares over it is -2 ln of
+        the likelihood.
+    """
+
+    @property
+    def groups(self) -> Sequence[Group]: ...
+
+    @property
+    def inflation(self) -> float: ...
+
+    def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
+        """The misfit near x by some coordinates, in ascending order.
+
+        Raises
+        ------
+        SolveError
+            Nothing balances there.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where each group's coordinates stand among all of them.
+
+    Attributes
+    ----------
+    groups : dict of id to Group
+    null, width, lower : (n,) array
+    """
+
+    groups: dict[str, Group]
+    null: Floats = field(init=False)
+    width: Floats = field(init=False)
+    lower: Floats = field(init=False)
+    _first: dict[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        count, first = 0, {}
+        for name, group in self.groups.items():
+            first[name] = count
+            count += len(group.null)
+        object.__setattr__(self, "_first", first)
+        for name in ("null", "width", "lower"):
+            parts = [getattr(group, name) for group in self.groups.values()]
+            object.__setattr__(self, name, np.concatenate(parts).astype(np.float64))
+
+    @classmethod
+    def of(cls, groups: Iterable[Group]) -> Layout:
+        """Of groups in their order."""
+        return cls({group.id: group for group in groups})
+
+    def columns(self, model: Model) -> Columns:
+        """Coordinates of a model, ascending; those of every model among them."""
+        forms = {
+            **{g.id: len(g.shapes) - 1 for g in self.groups.values() if g.always},
+            **dict(model),
+        }
+        out = [
+            self._first[name] + index
+            for name, form in forms.items()
+            for index in self.groups[name].shapes[form]
+        ]
+        return np.array(sorted(out), dtype=np.intp)
+
+    def whole(self, names: Iterable[str] | None = None) -> Model:
+        """Groups in their largest form; all that are not in every model, unless named."""
+        chosen = [g for g in self.groups.values() if not g.always]
+        if names is not None:
+            wanted = set(names)
+            chosen = [g for g in chosen if g.id in wanted]
+        return freeze({g.id: len(g.shapes) - 1 for g in chosen})
+
+    def part(self, name: str) -> slice:
+        """Where a group's coordinates stand."""
+        return slice(self._first[name], self._first[name] + len(self.groups[name].null))

@@ -1,0 +1,237 @@
+"""Which model has the most evidence? Elimination from everything, swaps, additions; several ways.
+
+Every change is forecast in the normal equations of all coordinates (`laplace`), where it costs no
+solve; what looks best is refitted, and what was refitted is what counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import SolveError
+from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.laplace import laplace
+from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
+
+__all__ = ["Search", "explore"]
+
+Floats = NDArray[np.float64]
+
+#: Refits, best forecast first, that may fail to raise the evidence before no change is held to.
+TRIES = 3
+#: Of the best model's probability, below which a model is not looked around in.
+LEAST_SHARE = 1e-3
+
+
+@dataclass(eq=False)
+class Search:
+    """Models of a problem, and what was found of them.
+
+    Attributes
+    ----------
+    problem : Problem
+    layout : Layout
+    names : tuple of str
+        Groups that may be freed.
+    say : callable
+        Told what is tried.
+    fits : dict of Model to Fit
+        Every model that was fitted, at its best.
+    """
+
+    problem: Problem
+    layout: Layout
+    names: tuple[str, ...]
+    say: Callable[[str], None] = lambda _: None
+    fits: dict[Model, Fit] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Fit:
+        """The fitted model with the most evidence."""
+        return min(self.fits.values(), key=lambda fit: fit.score)
+
+    def fit(self, model: Model, start: Floats, near: object = None) -> Fit | None:
+        """A model fitted from a start, or as it was fitted before if that was better.
+
+        None where nothing balances.
+        """
+        self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
+        try:
+            found = descend(self.problem, self.layout, model, start, near)
+        except SolveError:
+            return self.fits.get(model)
+        known = self.fits.get(model)
+        if known is None or found.score < known.score:
+            self.fits[model] = found
+        return self.fits[model]
+
+    def around(self, fit: Fit) -> Linearised:
+        """The misfit at a fit by every coordinate that may be freed."""
+        columns = self.layout.columns(self.layout.whole(self.names))
+        return self.problem.linearise(fit.x, columns, fit.here.near)
+
+    def improved(self, fit: Fit) -> Fit:
+        """A fit from which no drop, growth, addition or swap that was tried raises the evidence."""
+        while True:
+            around = self.around(fit)
+            better = self._thinned(fit, around) or self._changed(fit, around)
+            if better is None:
+                return fit
+            fit = better
+
+    def scores(self, temper: float) -> dict[Model, float]:
+        """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
+
+        From the best model on, whatever holds more than a thousandth of its probability is looked
+        around in: by one drop or growth, and by what that leads to. What is only forecast counts
+        for no more than the best of what was fitted.
+
+        Parameters
+        ----------
+        temper : float
+            By which differences of the evidence are divided (`weighed`).
+        """
+        around = self.around(self.best)
+        reach = self.best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
+        known = {model: fit.score for model, fit in self.fits.items()}
+        waiting = [self.best.model]
+        while waiting:
+            model = waiting.pop()
+            for other in [*self._smaller(model), *self._larger(model)]:
+                if other not in known:
+                    known[other] = max(self._forecast(around, other), self.best.score)
+                    if known[other] < reach:
+                        waiting.append(other)
+        return known
+
+    def _thinned(self, fit: Fit, around: Linearised) -> Fit | None:
+        """With all that the forecast can do without taken out; with less if that was wrong."""
+        path = [fit.model]
+        score = self._forecast(around, fit.model)
+        while True:
+            options = [(self._forecast(around, m), m) for m in self._smaller(path[-1])]
+            if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
+                break
+            score = best[0]
+            path.append(best[1])
+        reach = len(path) - 1
+        while reach > 0:
+            found = self._refit(path[reach], around)
+            if found is not None and found.score < fit.score:
+                return found
+            reach //= 2
+        return None
+
+    def _changed(self, fit: Fit, around: Linearised) -> Fit | None:
+        """With the change that raises the evidence, of those that are forecast to do so most."""
+        here = self._forecast(around, fit.model)
+        options = []
+        for model in self._neighbours(fit.model):
+            if (known := self.fits.get(model)) is not None:
+                if known.score < fit.score:
+                    return known
+                continue
+            forecast = self._forecast(around, model)
+            if forecast < here:
+                options.append((forecast, model))
+        tried = sorted(options, key=lambda o: o[0])[:TRIES]
+        for _, model in tried:
+            found = self._refit(model, around)
+            if found is not None and found.score < fit.score:
+                return found
+        return None
+
+    def _refit(self, model: Model, around: Linearised) -> Fit | None:
+        """Fitted from where the linear step leads, or from where one stands."""
+        columns = self.layout.columns(model)
+        known = self.fits.get(model)
+        if known is not None:
+            return known
+        ahead = laplace(around, self.layout, columns, self.problem.inflation)
+        found = self.fit(model, ahead.x, around.near)
+        return found if found is not None else self.fit(model, around.x, around.near)
+
+    def _forecast(self, around: Linearised, model: Model) -> float:
+        columns = self.layout.columns(model)
+        return laplace(around, self.layout, columns, self.problem.inflation).score
+
+    def _smaller(self, model: Model) -> Iterator[Model]:
+        """One group less, or one in its next smaller form."""
+        forms = dict(model)
+        for name, form in forms.items():
+            rest = {k: f for k, f in forms.items() if k != name}
+            yield freeze(rest)
+            if form > 0:
+                yield freeze({**rest, name: form - 1})
+
+    def _larger(self, model: Model) -> Iterator[Model]:
+        """One group more, in any form, or one in a larger form."""
+        forms = dict(model)
+        for name in self.names:
+            for form in range(forms.get(name, -1) + 1, len(self.layout.groups[name].shapes)):
+                yield freeze({**forms, name: form})
+
+    def _neighbours(self, model: Model) -> Iterable[Model]:
+        """Every model one drop, growth, addition or swap away."""
+        found = dict.fromkeys([*self._smaller(model), *self._larger(model)])
+        for smaller in self._smaller(model):
+            gone = set(dict(model)) - set(dict(smaller))
+            found.update(dict.fromkeys(m for m in self._larger(smaller) if not gone & set(dict(m))))
+        found.pop(model, None)
+        return found
+
+
+def explore(
+    search: Search,
+    start: Floats,
+    near: object = None,
+    fields: Iterable[str] = (),
+    content: Callable[[Fit], bool] = lambda _: False,
+) -> Fit:
+    """The best model by several ways, since each may be trapped.
+
+    First everything but the fields is freed at once and thinned, and, where more than two groups
+    stay or something is left, groups are added to the smallest model. Where what that leaves is
+    not put down to noise, everything is freed from the start, for where effects take what is a
+    field's, and again with the fields freed last, for where fields take what is an effect's.
+
+    Parameters
+    ----------
+    search : Search
+    start : (n,) array
+        Coordinates from which something balances.
+    near : object
+        What a neighbouring point is sooner found from, or None.
+    fields : iterable of str
+        Groups that are freed only by the later ways, but for what is forecast of them.
+    content : callable
+        Whether a fit leaves nothing but noise.
+
+    Raises
+    ------
+    SolveError
+        Nothing balances at the start.
+    """
+    layout, later = search.layout, set(fields)
+    whole = layout.whole(search.names)
+    named = replace(search, names=tuple(n for n in search.names if n not in later))
+    first = named.fit(layout.whole(named.names), start, near)
+    if first is not None:
+        search.improved(first)
+    # one group or two that stand for fewer are dropped or swapped by one change, which was tried
+    trapped = not search.fits or len(search.best.model) > 2 or not content(search.best)
+    if trapped and (small := named.fit(freeze({}), start, near)) is not None:
+        search.improved(named.improved(small))
+    if later and (not search.fits or not content(search.best)):
+        if (found := search.fit(whole, start, near)) is not None:
+            search.improved(found)
+        if first is not None and (found := search.fit(whole, first.x, first.here.near)) is not None:
+            search.improved(found)
+    if not search.fits:
+        # the same solve once more: its error says where and why nothing balances
+        search.problem.linearise(start, layout.columns(freeze({})), near)
+    return search.best

@@ -1,0 +1,363 @@
+"""Evidence, its forecasts and the search by it, on problems whose answers are known otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad, quad
+from scipy.optimize import minimize
+from scipy.stats import multivariate_normal, norm
+
+from bulgefit.errors import SolveError
+from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
+from bulgefit.gap.evidence.orthant import log_share_above
+from bulgefit.gap.evidence.probability import weighed
+from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
+from bulgefit.gap.evidence.search import Search, explore
+
+Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def group(name: str, width: list[float], null: float = 0.0, **more: Any) -> Group:
+    """A group without bounds, unless told."""
+    count = len(width)
+    lower = more.pop("lower", np.full(count, -np.inf))
+    return Group(name, "", np.full(count, null), np.array(width), lower, **more)
+
+
+class Known:
+    """Measured values against `curve`, which gives a model's values and their derivatives.
+
+    Beyond `end` in any coordinate nothing balances.
+    """
+
+    def __init__(
+        self,
+        groups: list[Group],
+        measured: np.ndarray,
+        curve: Curve,
+        inflation: float = 1.0,
+        end: float = np.inf,
+    ) -> None:
+        self.groups, self.inflation = groups, inflation
+        self._measured, self._curve, self._end = measured, curve, end
+        self.solves = 0
+
+    def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+        self.solves += 1
+        if (np.abs(x) > self._end).any():
+            raise SolveError(
+                "nothing balances", pressure=0.1, reached=0.1, iteration=1, residual_norm=1.0,
+                parameters={},
+            )  # fmt: skip
+        value, rows = self._curve(x)
+        residual, rows = self._measured - value, rows[:, columns]
+        return Linearised(
+            np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows
+        )
+
+
+def linear(groups: list[Group], rows: np.ndarray, measured: np.ndarray, **more: Any) -> Known:
+    return Known(groups, measured, lambda x: (rows @ x, rows), **more)
+
+
+def marginal(problem: Known, rows: np.ndarray, columns: np.ndarray, measured: np.ndarray) -> float:
+    """-2 ln of a linear model's marginal likelihood, as a Gaussian of the data alone.
+
+    Up to what every model has: the logarithm of the noise's determinant.
+    """
+    layout = Layout.of(problem.groups)
+    own, v = rows[:, columns], problem.inflation
+    covariance = np.eye(len(measured)) + own @ np.diag(layout.width[columns] ** 2 / v) @ own.T
+    away = measured - rows @ layout.null
+    return float(away @ np.linalg.solve(covariance, away) / v + np.linalg.slogdet(covariance)[1])
+
+
+@pytest.fixture
+def random_linear() -> tuple[Known, np.ndarray, np.ndarray]:
+    """Three groups of 1, 2 and 3 coordinates with nulls off zero, 40 values, inflated noise."""
+    rng = np.random.default_rng(4)
+    rows = rng.normal(size=(40, 6)) * [3.0, 1.0, 10.0, 0.3, 1.0, 1.0]
+    measured = rows @ [0.5, 1.0, 0.0, -1.0, 0.2, 0.4] + rng.normal(size=40)
+    groups = [
+        group("a", [0.7], null=0.2, always=True),
+        group("b", [2.0, 0.1]),
+        group("c", [1.0, 1.0, 3.0], null=-0.3, forms=((0,), (0, 2), (0, 1, 2))),
+    ]
+    return linear(groups, rows, measured, inflation=2.5), rows, measured
+
+
+MODELS = [freeze(m) for m in ({}, {"b": 0}, {"c": 0}, {"b": 0, "c": 1}, {"b": 0, "c": 2})]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_evidence_of_a_linear_model_is_its_marginal_likelihood(random_linear, model):
+    problem, rows, measured = random_linear
+    layout = Layout.of(problem.groups)
+    columns = layout.columns(model)
+    x = np.array(layout.null)
+    x[columns] += np.linspace(-1.0, 2.0, len(columns))  # wherever it is linearised
+    found = laplace(problem.linearise(x, columns), layout, columns, problem.inflation)
+    assert found.score == pytest.approx(marginal(problem, rows, columns, measured), rel=1e-10)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_forecast_from_all_is_the_smaller_models_own_evidence(random_linear, model):
+    problem, rows, measured = random_linear
+    layout = Layout.of(problem.groups)
+    everything = layout.columns(layout.whole())
+    around = problem.linearise(np.linspace(-1.0, 1.0, 6), everything)
+    columns = layout.columns(model)
+    found = laplace(around, layout, columns, problem.inflation)
+    assert found.score == pytest.approx(marginal(problem, rows, columns, measured), rel=1e-10)
+    left = np.setdiff1d(everything, columns)
+    np.testing.assert_array_equal(found.x[left], layout.null[left])
+
+
+def test_forms_choose_coordinates():
+    layout = Layout.of([group("a", [1.0, 1.0], always=True), group("b", [1.0] * 3, forms=((2,),))])
+    assert layout.columns(freeze({"b": 0})).tolist() == [0, 1, 4]
+    assert layout.columns(freeze({})).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("mean", [3.0, 0.0, -2.0, -40.0, -1e5])
+def test_share_above_one_bound(mean):
+    found = log_share_above(np.array([2.0 * mean + 1.0]), np.array([[4.0]]), np.array([1.0]))
+    assert found == pytest.approx(norm.logcdf(mean), rel=1e-10)
+
+
+@pytest.mark.parametrize("correlation", [-0.7, 0.0, 0.5, 0.95])
+@pytest.mark.parametrize("mean", [(1.0, 0.5), (-1.0, 0.3), (-2.0, -2.5)])
+def test_share_above_two_bounds(mean, correlation):
+    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
+    exact = np.log(multivariate_normal(np.zeros(2), covariance).cdf(mean))
+    found = log_share_above(np.array(mean), covariance, np.zeros(2))
+    # a factor of 1.05 on a probability is 0.1 on the scale of -2 ln Z
+    assert found == pytest.approx(exact, abs=0.05)
+
+
+def test_shares_of_independent_bounds_multiply():
+    mean, sd = np.array([1.0, -3.0, 0.2]), np.array([1.0, 2.0, 0.1])
+    found = log_share_above(mean, np.diag(sd**2), np.zeros(3))
+    assert found == pytest.approx(norm.logcdf(mean / sd).sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("truth", [0.8, 0.0, -0.6])
+def test_evidence_above_a_bound_against_quadrature(truth):
+    """A coordinate that cannot be negative: half a Gaussian as prior, and as posterior."""
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(30, 1))
+    measured = rows[:, 0] * truth + rng.normal(size=30)
+    problem = linear([group("a", [0.5], lower=np.zeros(1))], rows, measured)
+    layout = Layout.of(problem.groups)
+    columns = layout.columns(layout.whole())
+    found = laplace(problem.linearise(np.array([0.1]), columns), layout, columns, 1.0)
+    least = float(((measured - rows[:, 0] * max(truth, 0.0)) ** 2).sum())
+
+    def density(a: float) -> float:
+        miss = ((measured - rows[:, 0] * a) ** 2).sum() - least
+        return float(np.exp(-0.5 * miss) * 2.0 * norm.pdf(a, scale=0.5))
+
+    exact = least - 2.0 * np.log(quad(density, 0.0, 4.0, epsabs=0, epsrel=1e-10)[0])
+    assert found.score == pytest.approx(exact, abs=1e-7)
+    assert found.x[0] >= 0.0
+
+
+def test_bounded_optimum_against_enumeration():
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        root = rng.normal(size=(5, 5))
+        matrix, slope = root @ root.T + 0.1 * np.eye(5), rng.normal(size=5)
+        lower = np.where([True, True, True, False, False], -0.1, -np.inf)
+        found = bounded_optimum(slope, matrix, lower)
+        best = np.inf
+        for mask in range(8):
+            held = np.array([bool(mask >> i & 1) for i in range(3)] + [False, False])
+            step = np.where(held, lower, 0.0)
+            rest = slope[~held] - matrix[np.ix_(~held, held)] @ step[held]
+            step[~held] = np.linalg.solve(matrix[np.ix_(~held, ~held)], rest)
+            if (step >= lower - 1e-12).all():
+                best = min(best, step @ matrix @ step - 2.0 * slope @ step)
+        assert found @ matrix @ found - 2.0 * slope @ found == pytest.approx(best, abs=1e-9)
+        assert (found >= lower).all()
+
+
+def bent(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two coordinates in a mildly bent way, 25 values."""
+    t = np.linspace(0.1, 1.0, 25)
+    value = 30.0 * (t * x[0] + 0.08 * (t * x[0]) ** 2 + np.sin(3 * t) * np.expm1(0.2 * x[1]))
+    by = np.stack([t + 0.16 * t**2 * x[0], 0.2 * np.sin(3 * t) * np.exp(0.2 * x[1])], axis=1)
+    return value, 30.0 * by
+
+
+def test_evidence_of_a_bent_model_against_quadrature():
+    measured = bent(np.array([0.4, -0.8]))[0] + np.random.default_rng(3).normal(size=25)
+    problem = Known([group("a", [1.0]), group("b", [1.0])], measured, bent)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(2))
+    assert fit.converged
+    least = fit.here.square
+
+    def density(b: float, a: float) -> float:
+        miss = measured - bent(np.array([a, b]))[0]
+        return float(np.exp(-0.5 * (miss @ miss - least)) * norm.pdf(a) * norm.pdf(b))
+
+    sd = np.sqrt(np.diag(fit.covariance))
+    (a, b), wide = fit.x, 9.0 * sd
+    total, _ = dblquad(
+        density, a - wide[0], a + wide[0], b - wide[1], b + wide[1], epsabs=0, epsrel=1e-7
+    )
+    assert fit.score == pytest.approx(least - 2.0 * np.log(total), abs=0.05)
+
+
+def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A bent valley along which a straight step leads uphill."""
+    value = np.array([100.0 * (x[1] - x[0] ** 2), 10.0 * x[0]])
+    return value, np.array([[-200.0 * x[0], 100.0], [10.0, 0.0]])
+
+
+@pytest.mark.parametrize("end", [np.inf, 1.2])
+def test_descends_a_bent_valley_within_what_balances(end):
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 10.0]), rosenbrock, end=end)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.array([-1.0, 1.0]))
+    assert fit.converged
+
+    def misfit(x: np.ndarray) -> float:
+        return float(((rosenbrock(x)[0] - [0.0, 10.0]) ** 2).sum() + (x**2).sum() / 25.0)
+
+    least = minimize(misfit, [1.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-9}).fun
+    assert misfit(fit.x) == pytest.approx(least, abs=0.01)  # of -2 ln Z
+    assert fit.steps <= 30
+
+
+def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
+    """All 50 slopes are alike, and together they push along what hardly resists.
+
+    A step along it is many times what the largest slope by itself would make.
+    """
+    soft = np.array([0.7, *[0.1] * 49])
+    soft /= np.linalg.norm(soft)
+    across = np.eye(50) - np.outer(soft, soft)
+    rows = np.vstack([100.0 * across, 0.1 * soft])
+    truth = 300.0 * soft + across @ np.ones(50) * (0.01 * 300.0 / soft.sum()) / 1e4
+    problem = linear([group("a", [100.0] * 50)], rows, rows @ truth)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(50))
+    assert fit.converged
+    # the prior, a hundred wide, beside what is seen: 1e-4 beside 1e-2
+    assert fit.x @ soft == pytest.approx(300.0 / 1.01, rel=1e-3)
+
+
+def test_a_descent_that_starts_where_nothing_balances_says_so():
+    problem = Known([group("a", [5.0, 5.0])], np.zeros(2), rosenbrock, end=0.5)
+    layout = Layout.of(problem.groups)
+    with pytest.raises(SolveError, match="nothing balances"):
+        descend(problem, layout, layout.whole(), np.array([1.0, 1.0]))
+
+
+def searched(problem: Known) -> Search:
+    layout = Layout.of(problem.groups)
+    return Search(problem, layout, tuple(g.id for g in problem.groups if not g.always))
+
+
+def test_all_models_are_found_as_enumeration_ranks_them():
+    """Eight groups, correlated; every one of the 256 models is weighed by its marginal."""
+    rng = np.random.default_rng(11)
+    rows = rng.normal(size=(60, 8)) @ (np.eye(8) + 0.4 * rng.normal(size=(8, 8)))
+    measured = rows @ [1.0, 0.0, -0.6, 0.0, 0.0, 0.5, 0.0, 0.0] + rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(8)], rows, measured)
+    search = searched(problem)
+    best = explore(search, np.zeros(8), None, ())
+    scores = {}
+    for mask in range(256):
+        columns = np.array([i for i in range(8) if mask >> i & 1], dtype=np.intp)
+        model = freeze({f"g{i}": 0 for i in columns})
+        scores[model] = marginal(problem, rows, columns, measured)
+    assert best.model == min(scores, key=lambda m: scores[m])
+    exact = weighed(scores, 1.0, search.names)
+    found = weighed(search.scores(1.0), 1.0, search.names)
+    for name in search.names:
+        assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
+
+
+def test_elimination_alone_is_trapped_where_growth_is_not():
+    """Truth in a wide group, which five narrow ones together imitate.
+
+    Each of them costs less evidence than the wide one, so elimination takes that out first; then
+    none of the others can go, nor be swapped for it. All of them together cost more.
+    """
+    rng = np.random.default_rng(5)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 5)))
+    rows = np.column_stack([base.sum(axis=1), base])
+    measured = 60.0 * rows[:, 0] + rng.normal(size=50)
+    narrow = [group(f"n{i}", [60.0]) for i in range(5)]
+    problem = linear([group("wide", [2e4]), *narrow], rows, measured)
+    search = searched(problem)
+    whole = search.fit(search.layout.whole(), np.zeros(6))
+    assert whole is not None
+    stuck = search.improved(whole)
+    assert dict(stuck.model).keys() == {f"n{i}" for i in range(5)}
+    best = explore(searched(problem), np.zeros(6), None, ())
+    assert best.model == freeze({"wide": 0})
+    assert best.score < stuck.score - 5.0
+
+
+def test_a_wrong_group_is_swapped_for_the_right_one():
+    """Alike to 0.995, so that beside the wrong group the right one adds too little to pay."""
+    rng = np.random.default_rng(6)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 2)))
+    rows = np.stack([base[:, 0], 0.995 * base[:, 0] + np.sqrt(1 - 0.995**2) * base[:, 1]], axis=1)
+    measured = rows[:, 0] * 30.0 + rng.normal(size=50)
+    problem = linear([group("right", [30.0]), group("wrong", [30.0])], rows, measured)
+    search = searched(problem)
+    wrong = search.fit(freeze({"wrong": 0}), np.zeros(2))
+    assert wrong is not None
+    assert search.improved(wrong).model == freeze({"right": 0})
+
+
+def test_forms_shrink_to_what_the_data_need():
+    rng = np.random.default_rng(7)
+    rows = rng.normal(size=(80, 4))
+    measured = rows[:, 0] * 3.0 + rng.normal(size=80)
+    problem = linear([group("a", [5.0] * 4, forms=((0,), (0, 1), (0, 1, 2, 3)))], rows, measured)
+    assert explore(searched(problem), np.zeros(4), None, ()).model == freeze({"a": 0})
+
+
+def test_no_equilibrium_is_lost_on_the_way():
+    """Two coordinates that only differ far out, where nothing balances, stay within it."""
+    rng = np.random.default_rng(8)
+    rows = np.stack([np.ones(30), np.linspace(-1, 1, 30)], axis=1)
+    measured = rows @ [1.0, 4.0] + 0.1 * rng.normal(size=30)
+    groups = [group("m", [2.0], always=True), group("b", [2.0])]
+    problem = linear(groups, 10 * rows, 10 * measured, end=3.0)
+    best = explore(searched(problem), np.zeros(2), None, ())
+    assert best.model == freeze({"b": 0})
+    assert 2.9 < best.x[1] <= 3.0
+    with pytest.raises(SolveError, match="nothing balances"):
+        explore(searched(problem), np.full(2, 9.0), None, ())
+
+
+def test_probabilities_are_those_of_the_evidence():
+    scores = {
+        freeze({"a": 0}): 10.0,
+        freeze({"b": 0}): 10.0 + 2.0 * np.log(3.0),
+        freeze({}): 300.0,
+    }
+    found = weighed(scores, 1.0, ("a", "b", "c"))
+    assert found.groups == pytest.approx({"a": 0.75, "b": 0.25, "c": 0.0}, abs=1e-12)
+    assert found.best == freeze({"a": 0})
+    assert found.rivals("a") == ("b",)
+    # twice the temper, and odds are their roots
+    odds = weighed(scores, 2.0, ("a", "b")).groups
+    assert odds["a"] / odds["b"] == pytest.approx(np.sqrt(3.0), rel=1e-9)
+
+
+def test_a_doubtful_group_beside_nothing_has_no_rival():
+    found = weighed({freeze({"a": 0}): 0.0, freeze({}): 2.0}, 1.0, ("a",))
+    assert 0.5 < found.groups["a"] < 0.95
+    assert found.rivals("a") == ()

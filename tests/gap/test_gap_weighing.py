@@ -1,0 +1,142 @@
+"""Specimens as a problem of evidence: derivatives, the mesh's direction, errors, the temper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bulgefit.effects.registry import catalogue, fields
+from bulgefit.gap.data import Data
+from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
+from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.problem import Layout, freeze
+from bulgefit.gap.evidence.temper import temper
+from bulgefit.gap.evidence.weighing import Weighing
+
+TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
+NAMES = ("clamp_slip", "dic_smoothing", "rigid_motion", "stiffness_field", "pressure_field")
+
+
+@pytest.fixture(scope="module")
+def data(made_by_the_model: Callable[..., Data]) -> Data:
+    return made_by_the_model({**TRUTH, "clamp_slip.compliance": 0.01}, 15.0, frames=6, seed=5)
+
+
+def weighing_of(data: list[Data]) -> tuple[Weighing, Layout]:
+    effects = [{**catalogue(), **fields()}[name] for name in NAMES]
+    coordinates = Coordinates.of(effects, [d.specimen.nulls() for d in data])
+    return Weighing(data, coordinates), Layout.of(coordinates.groups)
+
+
+def near_the_truth(weighing: Weighing, layout: Layout) -> np.ndarray:
+    """Every coordinate off its null, by less than its prior."""
+    x = layout.null + layout.width * np.random.default_rng(1).uniform(0.05, 0.2, len(layout.null))
+    x[:3] = np.log([TRUTH[name] for name in ("E1", "E2", "G12")])
+    return x
+
+
+def test_every_coordinate_is_of_its_group_and_specimen(data: Data) -> None:
+    weighing, layout = weighing_of([data, data])
+    names = [g.id for g in weighing.groups]
+    assert names[0] == "moduli"
+    assert {"clamp_slip@0", "clamp_slip@1", "stiffness_field@1"} <= set(names)
+    assert [effect_of("rim_field@1"), specimen_of("rim_field@1")] == ["rim_field", 1]
+    assert specimen_of("creep") is None
+    assert is_field("rim_field@1")
+    assert not is_field("clamp_lobes")
+    x = np.array(layout.null)
+    x[layout.part("clamp_slip@1")] = 0.02
+    values = [weighing.coordinates.values(x, index) for index in (0, 1)]
+    assert "clamp_slip.compliance" not in values[0]
+    assert values[1]["clamp_slip.compliance"] == 0.02
+    assert values[0]["E1"] == pytest.approx(300.0)
+
+
+def test_gradients_are_those_of_the_misfit(data: Data) -> None:
+    """-Jᵀr against differences of |r|²/2, the mesh's direction taken off."""
+    pattern = np.random.default_rng(2).normal(size=data.used.shape) * 1e-3
+    weighing, layout = weighing_of([replace(data, mesh=pattern, inflation=2.0)])
+    x = near_the_truth(weighing, layout)
+    columns = np.array([0, 2, *(layout.part(n).start for n in NAMES), len(x) - 1], dtype=np.intp)
+    columns = np.unique([*columns, layout.part("stiffness_field").start + 28])
+    here = weighing.linearise(x, columns)
+    for place, column in enumerate(columns):
+        step = 1e-3 * layout.width[column]
+        ahead, behind = np.array(x), np.array(x)
+        ahead[column] += step
+        behind[column] -= step
+        none = columns[:0]
+        change = (
+            weighing.linearise(ahead, none, here.near).square
+            - weighing.linearise(behind, none, here.near).square
+        )
+        assert -0.5 * change / (2 * step) == pytest.approx(here.gradient[place], rel=5e-3), column
+
+
+def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
+    """r C⁻¹ r with C = v 1 + m mᵀ, by a dense matrix."""
+    pattern = np.random.default_rng(3).normal(size=data.used.shape) * 1e-3
+    plain, layout = weighing_of([replace(data, inflation=3.0)])
+    with_mesh, _ = weighing_of([replace(data, inflation=3.0, mesh=pattern)])
+    x, columns = near_the_truth(plain, layout), np.arange(3)
+    found = with_mesh.linearise(x, columns)
+    own = plain.predicted(x, list(columns), 0)
+    rows = plain._rows(plain.data[0], own, x, list(columns))
+    m = (pattern / data.sigma).ravel()
+    covariance = 3.0 * np.eye(len(m)) + np.outer(m, m)
+    exact = 3.0 * rows @ np.linalg.solve(covariance, rows.T)
+    assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
+    np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-9)
+    np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-7)
+
+
+def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
+    weighing, layout = weighing_of([data])
+    start = np.array(layout.null)
+    start[:3] = np.log([320.0, 200.0, 25.0])
+    model = freeze({"clamp_slip": 0, "rigid_motion": 0, "stiffness_field": 0})
+    fit = descend(weighing, layout, model, start)
+    assert fit.converged
+    found = regression_of(weighing, fit)
+    errors = found.standard_errors()
+    assert found.values["clamp_slip.compliance"] == pytest.approx(0.01, rel=0.1)
+    for name, truth in TRUTH.items():
+        assert abs(found.values[name] - truth) < 4 * errors[name]
+    # of moduli by their logarithms
+    sd = np.sqrt(np.diag(fit.covariance))
+    for place, name in enumerate(TRUTH):
+        assert errors[name] / found.values[name] == pytest.approx(sd[place], rel=1e-6)
+    slip = layout.columns(model).tolist().index(layout.part("clamp_slip").start)
+    assert errors["clamp_slip.compliance"] == pytest.approx(sd[slip], rel=1e-6)
+    # what the data hardly say of is known by its prior, held out or not
+    assert max(errors[k] for k in found.keys if "stiffness_field" in k) < 0.15
+    assert found.held_out() < 1.3 * found.normal.count
+
+
+def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    assert temper([data], [prediction], free=4) == pytest.approx(1.0, abs=0.2)
+    # a plane of one noise unit is one mode of 21, whose square is the number of points
+    x = data.specimen.reference[:, 0]
+    miss = (x / np.std(x))[:, None] * data.sigma
+    off = replace(prediction, displacement=prediction.displacement + miss)
+    expected = 1.0 + len(x) / 21
+    assert temper([data], [off], free=0) == pytest.approx(expected, rel=0.2)
+    # correlated noise is granted its inflation
+    granted = replace(data, inflation=expected)
+    assert temper([granted], [off], free=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_thinned_points_count_for_as_many(data: Data) -> None:
+    whole = replace(data, inflation=4.0, mesh=np.ones(data.used.shape))
+    some = whole.thinned(3)
+    assert some.used.shape[1] == -(-whole.used.shape[1] // 3)
+    np.testing.assert_array_equal(some.specimen.reference, whole.specimen.reference[::3])
+    assert some.mesh is not None
+    assert some.mesh.shape == some.used.shape
+    assert some.inflation == pytest.approx(2.0)
+    assert whole.thinned(1) is whole
