@@ -190,6 +190,7 @@ def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
         """A problem of one parameter, with equilibria from 0.99 of its range on."""
 
         size = 1
+        objective = SimpleNamespace(squared=False)
 
         def values(self, z: np.ndarray) -> dict[str, float]:
             return {"E": float(z[0])}

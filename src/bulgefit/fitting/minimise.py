@@ -23,6 +23,9 @@ GAUSS_NEWTON = "gauss-newton"
 ROUNDINGS = (1e-1, 1e-2, 1e-3)
 #: Reweightings for each of them.
 ITERATIONS = 12
+#: Fall of a likelihood below which it has converged, however large it is: ε moves parameters by
+#: √(2ε) standard errors at most, here by a hundredth.
+LIKELIHOOD_CHANGE = 5e-5
 #: Part of the objective by which two solves of nearly the same material may differ.
 SOLVER_NOISE = 1e-4
 
@@ -214,7 +217,10 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
     while True:
         step, expected = model.minimise(radius)
         length = float(np.abs(step).max())
-        if expected <= limits.objective_change * current.value:
+        enough = limits.objective_change * current.value
+        if problem.objective.squared:
+            enough = min(enough, LIKELIHOOD_CHANGE)
+        if expected <= enough:
             return Stop.FLAT.value, True
         if length <= limits.parameter_change:
             return Stop.SHORT.value, True
