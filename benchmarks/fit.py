@@ -15,6 +15,7 @@ import os
 os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
 
 import argparse
+import itertools
 import json
 import platform
 import re
@@ -24,7 +25,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def work(test: Any, at: Any) -> dict[str, float]:
     values = at.constants()
     names = [tuple(values)]
     # a path that was just traced is kept: each time another one, by a hair
-    others = (({**values, "E1": values["E1"] * (1.0 + 1e-9 * i)},) for i in count(1))
+    others = (({**values, "E1": values["E1"] * (1.0 + 1e-9 * i)},) for i in itertools.count(1))
     with one_blas_thread():
         shapes = target.shapes([values], names)
         return {
