@@ -306,8 +306,8 @@ def test_what_makes_a_comparison_meaningless_is_said(folder, arrays, capsys):
     warnings = [w for w in capsys.readouterr().err.splitlines() if w.startswith("warning")]
     (warning,) = warnings
     assert warning.startswith(
-        "warning: turned: the apex moves to -z under pressure: the z axis points into the specimen; "
-        "bulgefit convert IN OUT --flip z,dz"
+        "warning: turned: the apex moves to -z under pressure: the z axis points into the "
+        "specimen; bulgefit convert IN OUT --flip z,dz"
     )
 
 
