@@ -35,7 +35,7 @@ from bulgefit.trial.make import make_test
 #: What is wanted: per cent of the moduli, share of the intervals that hold the truth.
 WANTED = {"E1": 0.3, "E2": 0.3, "G12": 2.0}
 HELD = (0.93, 0.97)
-BEGIN, END = "<!-- made fits -->", "<!-- end of made fits -->"
+BEGIN, END = "<!-- made_fits -->", "<!-- end of made fits -->"
 
 
 def fitted(test: bulgefit.BulgeTest) -> dict[str, Any]:

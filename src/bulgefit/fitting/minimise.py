@@ -257,7 +257,8 @@ class _Model:
         assert at.slope is not None
         assert at.rows is not None
         self.z, self.value, self.rows = z, at.value, at.rows
-        self.believed, pull = problem.pull(at.value, z)
+        # weighed by what the data leave, not by the priors' own share of the value
+        self.believed, pull = problem.pull(at.rows.value(), z)
         self.linear = at.slope - self.rows.slope() if problem.all_data else pull
         self.base = self.rows.value()
 
