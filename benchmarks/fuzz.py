@@ -1,15 +1,17 @@
 """Damage good files at random and read them: how often, how long, and with how much memory?
 
-    python benchmarks/fuzz.py [COUNT] [--seed N] [--formats npz,hdf5,npy,pickle,csv] [--keep FOLDER]
+    python benchmarks/fuzz.py [COUNT] [--seed N] [--formats npz,hdf5,npy,pickle,csv]
 
-Every input must be read or refused with one line, within 5 s and four times the file and 200 MB,
-running no code and opening nothing but itself. Inputs are read in child processes of a thousand
-each, so that a crash of a library is one failure and not the end. Failures are kept in FOLDER.
+Every input must be read or refused with one line, within 5 s of processor time and four times the
+file and 200 MB, running no code and opening nothing but itself. Inputs are read in child processes
+of a thousand each, so that a crash of a library is one failure and not the end. A failure is named
+by format, seed and number, which make the same input again.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import pickle
@@ -18,8 +20,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -27,9 +29,11 @@ import numpy as np
 
 BATCH = 1000
 SECONDS, BYTES = 5.0, 200_000_000
+# A process that waits takes no processor time; other work on the machine may slow it tenfold.
+LONGEST = 60.0
 FORMATS = ("npz", "hdf5", "npy", "pickle", "csv")
 # What Python tells of code that runs; files are looked at one by one.
-CODE = ("os.system", "os.exec", "os.spawn", "os.posix_spawn", "subprocess.Popen", "socket.connect")
+CODE = ("os.system", "os.exec", "os.spawn", "os.posix_spawn", "socket.connect")
 SOURCE = str(Path(__file__).resolve().parents[1])
 
 
@@ -103,6 +107,17 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(found)
 
 
+def archived(data: bytes, rng: np.random.Generator) -> bytes:
+    """An npz with one of its members damaged."""
+    found = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as good, zipfile.ZipFile(found, "w") as bad:
+        hit = str(rng.choice(good.namelist()))
+        for name in good.namelist():
+            content = good.read(name)
+            bad.writestr(name, damaged(content, rng) if name == hit else content)
+    return found.getvalue()
+
+
 def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
     """For each format, what writes a damaged input and says where it is."""
     with tempfile.TemporaryDirectory() as good:
@@ -117,6 +132,13 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
 
         return write
 
+    def write_npz(rng: np.random.Generator) -> Path:
+        name, data = single["npz"]
+        # half of them are damaged within the archive, whose checksums then are right
+        spoil = archived if rng.integers(2) else damaged
+        (folder / name).write_bytes(spoil(data, rng))
+        return folder / name
+
     def write_csv(rng: np.random.Generator) -> Path:
         (folder / "csv").mkdir(exist_ok=True)
         hit = str(rng.choice(sorted(csv)))
@@ -124,7 +146,7 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
             (folder / "csv" / name).write_bytes(damaged(data, rng) if name == hit else data)
         return folder / "csv"
 
-    return {**{kind: of(kind) for kind in single}, "csv": write_csv}
+    return {**{kind: of(kind) for kind in single}, "npz": write_npz, "csv": write_csv}
 
 
 def read_one(path: Path) -> str:
@@ -144,10 +166,12 @@ def read_one(path: Path) -> str:
 def watch(folder: Path) -> None:
     """Raise where Python runs a program or opens a file outside the folder."""
     inside = str(folder.resolve())
-    own = (sys.prefix, sys.base_prefix, SOURCE, f"/proc/{os.getpid()}/maps")
+    own = (sys.prefix, sys.base_prefix, SOURCE, f"/proc/{os.getpid()}/maps", os.devnull)
 
     def hook(event: str, arguments: tuple[object, ...]) -> None:
-        if event in CODE:
+        # HDF5 is read in a process of bulgefit's own
+        own_process = event == "subprocess.Popen" and arguments[0] == sys.executable
+        if event in CODE or (event == "subprocess.Popen" and not own_process):
             raise AssertionError(f"ran {event} {arguments}")
         # Python's own modules are imported when they are first needed; a descriptor is open already
         if event == "open" and isinstance(arguments[0], str):
@@ -170,21 +194,28 @@ def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
     for number in range(count):
         (folder / "now").write_text(f"{kind} {seed} {number}")
         path = write(np.random.default_rng((seed, number)))
-        began = time.perf_counter()
-        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        began = processor_time()
+        signal.setitimer(signal.ITIMER_REAL, LONGEST)
         try:
             tally[read_one(path)] += 1
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
-        slowest = max(slowest, time.perf_counter() - began)
+        slowest = max(slowest, processor_time() - began)
+        if slowest > SECONDS:
+            raise TimeoutError(f"took {slowest:.1f} s")
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
     if grown > BYTES:
         raise AssertionError(f"took {grown / 1e6:.0f} MB")
     return {**tally, "slowest": slowest, "memory": grown}
 
 
+def processor_time() -> float:
+    """Seconds that this process and those it waited for have used."""
+    return sum(os.times()[:4])
+
+
 def _too_long(*_: object) -> None:
-    raise TimeoutError(f"took more than {SECONDS:g} s")
+    raise TimeoutError(f"took more than {LONGEST:g} s")
 
 
 def batches(kind: str, seed: int, count: int) -> Iterator[tuple[str, dict[str, object]]]:

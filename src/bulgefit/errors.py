@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from enum import Enum
 
-__all__ = ["BulgefitError", "InputError", "SolveError"]
+__all__ = ["BulgefitError", "Cause", "InputError", "SolveError"]
 
 
 class BulgefitError(Exception):
@@ -15,6 +16,16 @@ class InputError(BulgefitError, ValueError):
     """Input that cannot be used: the message says what is wrong, where, and what to do."""
 
 
+class Cause(Enum):
+    """Why there is no equilibrium, or none was found."""
+
+    LIMIT_PRESSURE = "the material has reached its limit pressure"
+    LOSS_OF_ELLIPTICITY = "the law has lost ellipticity"
+    INADMISSIBLE = "the stiffness is not positive definite"
+    COLLAPSED = "a cell has collapsed"
+    NOT_CONVERGED = "the solver did not converge"
+
+
 class SolveError(BulgefitError, RuntimeError):
     """No equilibrium was found.
 
@@ -22,6 +33,9 @@ class SolveError(BulgefitError, RuntimeError):
     ----------
     reason : str
         What stopped the solver, in one clause.
+    cause : Cause
+        The same as a type. Limit pressures and losses of ellipticity are confirmed before they
+        are named.
     pressure : float
         Pressure at which it stopped, MPa.
     reached : float
@@ -38,6 +52,7 @@ class SolveError(BulgefitError, RuntimeError):
         self,
         reason: str,
         *,
+        cause: Cause = Cause.NOT_CONVERGED,
         pressure: float,
         reached: float,
         iteration: int,
@@ -45,6 +60,7 @@ class SolveError(BulgefitError, RuntimeError):
         parameters: Mapping[str, float],
     ) -> None:
         self.reason = reason
+        self.cause = cause
         self.pressure = pressure
         self.reached = reached
         self.iteration = iteration

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bulgefit.cli import diagnose as verb
 from bulgefit.cli.main import main
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import SolveError
 from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.specimen import Specimen
 
@@ -192,38 +189,3 @@ def test_unknown_law(folder, capsys):
 def test_no_test(capsys):
     assert main(["diagnose"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_progress_on_a_terminal_is_one_line_that_goes(monkeypatch):
-    screen = Terminal()
-    monkeypatch.setattr(verb.sys, "stderr", screen)
-    monkeypatch.setenv("COLUMNS", "40")
-
-    def work():
-        with verb._Progress(quiet=False) as progress:
-            progress.say("clamp_slip (1 parameters)")
-            progress.say("reference_state " * 10)
-            raise SolveError("no equilibrium", pressure=1.0, reached=0.5, iteration=3,
-                             residual_norm=1.0, parameters={})  # fmt: skip
-
-    with pytest.raises(SolveError):
-        work()
-    text = screen.getvalue()
-    assert "\n" not in text
-    assert text.endswith("\r\x1b[K")
-    shown = [part for part in text.split("\r\x1b[K") if part]
-    assert "step 1: clamp_slip" in shown[0]
-    assert max(map(len, shown)) < 40
-
-
-def test_quiet_progress_says_nothing(monkeypatch):
-    screen = Terminal()
-    monkeypatch.setattr(verb.sys, "stderr", screen)
-    with verb._Progress(quiet=True) as progress:
-        progress.say("x")
-    assert screen.getvalue() == ""

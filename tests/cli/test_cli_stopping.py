@@ -17,6 +17,9 @@ EXAMPLE = Path(__file__).parents[2] / "data" / "example_bulge.npz"
 #: Shear so soft that tracing it takes half a minute.
 SOFT = ["--bounds", "E1=300:400,E2=200:300,G12=0.5:1", "--method", "Nelder-Mead"]
 
+#: Seconds; one, and another for a machine that is busy with other things.
+WITHIN = 2.0
+
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals")
 
 Starter = Callable[..., subprocess.Popen[str]]
@@ -73,7 +76,7 @@ def test_while_soft_shear_is_traced_by_threads(
     seconds, said = told(program, number)
     assert program.returncode == status
     assert said == f"bulgefit fit: {word}\n"
-    assert seconds < 1.0
+    assert seconds < WITHIN
     assert not [*tmp_path.iterdir()]
 
 
@@ -89,7 +92,7 @@ def test_while_processes_refit(
     seconds, said = told(program, signal.SIGINT)
     assert program.returncode == 130
     assert said == "bulgefit fit: interrupted\n"
-    assert seconds < 1.0
+    assert seconds < WITHIN
     assert [file.name for file in tmp_path.iterdir()] == ["fit.json"]
 
 
@@ -131,5 +134,5 @@ def test_in_the_midst_of_something_deaf(start: Starter, tmp_path: Path) -> None:
     seconds, said = told(program, signal.SIGTERM)
     assert program.returncode == 143
     assert said == "bulgefit info: terminated\n"
-    assert seconds < 1.0
+    assert seconds < WITHIN
     assert not [*tmp_path.iterdir()]

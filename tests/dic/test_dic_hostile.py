@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from bulgefit.dic import read_test, write_test
+from bulgefit.dic import hdf5_apart, read_test, write_test
 from bulgefit.dic.keyed_arrays import need_memory
 from bulgefit.errors import InputError
 
@@ -201,6 +201,13 @@ def test_npz_in_fortran_order_and_other_bytes(made, tmp_path):
     np.testing.assert_array_equal(block.displacement, made.displacement.astype(np.float32))
 
 
+def test_names_of_members_stay_on_one_line(tmp_path):
+    members = {"a\nb.npy": b"", "\x1b[31m.npy": b"", "c" * 300: b""}
+    zip_of(tmp_path / "t.npz", {**members, **{f"n{i}": b"" for i in range(50)}})
+    said = refused(tmp_path / "t.npz", "not a bulge test")
+    assert said.isprintable()
+
+
 # ---- HDF5 ----
 
 
@@ -275,6 +282,26 @@ def test_hdf5_unit_of_any_length(hdf5, made):
         file["pressure"] = made.pressure
         file["pressure"].attrs["unit"] = "bar\n" * 10_000
     refused(path, "pressure has the unit 'bar")
+
+
+def test_hdf5_takes_no_module_from_where_it_runs(hdf5, made, tmp_path, monkeypatch):
+    path = hdf5("")
+    (tmp_path / "h5py.py").write_text("open('ran', 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    assert read_test(path).n_frames == 6
+    assert not (tmp_path / "ran").exists()
+
+
+def test_hdf5_on_which_its_library_does_not_end(hdf5, monkeypatch):
+    path = hdf5("")
+    start = hdf5_apart._START.split("from bulgefit")[0]
+    for what, why in (
+        ("while True: pass", "does not come to an end"),
+        ("import os; os.kill(os.getpid(), 11)", "fails on it"),
+    ):
+        limit = "from bulgefit.dic.hdf5_apart import _limit; _limit(10**9, -10**7)\n"
+        monkeypatch.setattr(hdf5_apart, "_START", start + "\n" + limit + what)
+        refused(path, f"damaged HDF5 file .*{why}")
 
 
 # ---- pickles ----

@@ -62,6 +62,14 @@ def test_several_units_at_once(spoilt, made, unit):
     assert test.radius == pytest.approx(100)
 
 
+def test_what_was_done_stands_in_the_file(spoilt, tmp_path):
+    assert spoilt().history == ()
+    options = ["--unit=radius=mm/mm", "--swap-xy", "--flip", "dx,x", "--shift=1,2"]
+    test = spoilt(*options, "--level", "--crop", "90", "--rotate=30")
+    done = "--unit radius=mm/mm --swap-xy all --flip dx,x --shift 1,2 --level --crop 90 --rotate 30"
+    assert test.history == (f"bulgefit convert {tmp_path / 't.npz'}: {done}",)
+
+
 def test_float32_stays_and_images_at_rest_go_along(made):
     static = np.full((2, *made.reference.shape), 0.01, dtype=np.float32)
     test = BulgeTest.from_arrays(

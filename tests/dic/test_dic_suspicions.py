@@ -13,7 +13,7 @@ import pytest
 
 from bulgefit.cli import convert, info, tests_in
 from bulgefit.dic import BulgeTest, read_test
-from bulgefit.dic.rim import rim_centre
+from bulgefit.dic.rim import rim_of
 from bulgefit.dic.suspicions import alarms, suspicions
 from bulgefit.dic.suspicions.in_plane import in_plane
 from bulgefit.dic.suspicions.sizes import implied_stiffness
@@ -186,14 +186,24 @@ def test_a_centre_that_is_off(arrays, tmp_path, shift, by):
     (found,) = alarms(test)
     assert found.code == "off_centre"
     assert "--centre rim" in found.remedy
-    centre = rim_centre(test)
-    assert (np.abs(centre.position - shift) < centre.error).all()
+    rim = rim_of(test)
+    assert (np.abs(rim.centre - shift) < rim.centre_error).all()
     run(convert, tmp_path / "off.npz", tmp_path / "mended.npz", "--centre", by)
     mended = read_test(tmp_path / "mended.npz")
     assert alarms(mended) == []
     left = mended.blocks[0].reference[:, :2] - arrays["reference"][:, :2] + shift
     np.testing.assert_allclose(left, np.broadcast_to(left[0], left.shape), atol=1e-12)
     assert np.hypot(*left[0]) < 0.15
+
+
+@pytest.mark.parametrize("radius", [97.5, 100.0, 103.0])
+def test_the_radius_that_the_heights_tell(arrays, radius):
+    """The heights fall to zero at 100 mm, whatever the file says."""
+    arrays["radius"] = radius
+    rim = rim_of(BulgeTest.from_arrays(**arrays))
+    # the estimate is linear in what is missing
+    assert abs(rim.radius - 100) < rim.radius_error + (radius - 100) ** 2 / 100
+    assert rim.radius_error < 0.3
 
 
 def test_a_tilt_and_a_moving_fixture_are_no_centre_that_is_off(arrays):

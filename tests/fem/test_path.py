@@ -7,13 +7,15 @@ import pickle
 import numpy as np
 import pytest
 
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import Cause, InputError, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
-from bulgefit.fem.equilibrium import solve
-from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
+from bulgefit.fem.geometry import SHAPE
+from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import linear_interpolation_bound
 from bulgefit.fem.trace import trace
+from bulgefit.fem.volume_control import at_volume, volume_of
 
 LEVELS = np.linspace(0.001, 3.0, 200) / 10
 CONSTANTS = (303.0, 229.0, 5.0, 0.24)
@@ -26,7 +28,7 @@ CONSTANTS = (303.0, 229.0, 5.0, 0.24)
 def test_dense_output_at_the_study_levels(constants: tuple[float, ...]) -> None:
     stiffness = orthotropic_stiffness(*constants)
     membrane = Membrane(disc(), 0.81)
-    path = trace(membrane, stiffness)
+    path = trace(membrane, stiffness, beyond_ellipticity=True)
     shapes = path(LEVELS)
     errors = [
         np.abs(solve(membrane, shape, p, stiffness, follow=True).displacement - shape).max()
@@ -42,7 +44,8 @@ def test_dense_output_at_the_study_levels(constants: tuple[float, ...]) -> None:
 @pytest.mark.parametrize("e1", [200.0, 400.0])
 def test_corners_of_the_study_bounds(e1: float, e2: float, g12: float) -> None:
     mesh = disc()
-    path = trace(Membrane(mesh, 0.81), orthotropic_stiffness(e1, e2, g12, 0.24))
+    stiffness = orthotropic_stiffness(e1, e2, g12, 0.24)
+    path = trace(Membrane(mesh, 0.81), stiffness, beyond_ellipticity=True)
     assert 36.0 < path(0.3)[0, mesh.apex, 2] < 49.0
 
 
@@ -68,7 +71,7 @@ def test_sensitivities_are_those_of_the_balanced_shapes() -> None:
     """Also where the tangent is nearly singular, so that it changes fast."""
     membrane = Membrane(disc(), 0.81)
     stiffness = orthotropic_stiffness(300.0, 220.0, 1.5, 0.24)
-    path = trace(membrane, stiffness, sensitivities=True)
+    path = trace(membrane, stiffness, sensitivities=True, beyond_ellipticity=True)
     assert path.sensitivity is not None
     for shape, p, found in zip(path.displacement, path.pressure, path.sensitivity, strict=True):
         tangent = membrane.state(shape, p, stiffness).tangent
@@ -109,6 +112,7 @@ def test_limit_pressure_is_named() -> None:
     with pytest.raises(SolveError) as caught:
         trace(Membrane(disc(100.0, 2), 0.81), soft, parameters={"E": 3.0, "nu": 0.3})
     error = caught.value
+    assert error.cause is Cause.LIMIT_PRESSURE
     assert 0.12 < 10 * error.reached < 0.125
     assert error.pressure > error.reached
     assert np.isfinite(error.residual_norm)
@@ -117,6 +121,96 @@ def test_limit_pressure_is_named() -> None:
     copy = pickle.loads(pickle.dumps(error))
     assert str(copy) == str(error)
     assert copy.__dict__ == error.__dict__
+
+
+def test_limit_pressure_lies_between_shapes_and_none() -> None:
+    """From below: a path to just under it ends there, and its tangent is all but singular."""
+    soft = orthotropic_stiffness(3.0, 3.0, 3.0 / 2.6, 0.3)
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, soft)
+    limit = caught.value.reached
+    near = trace(membrane, soft, (1e-4, (1 - 1e-4) * limit))
+    assert near.stable.all()
+    # beside a fold du/dp grows as (p_limit - p)^(-1/2): tenfold closer, √10 times as steep
+    rise = [
+        np.diff(near([(1 - 2.2 * gap) * limit, (1 - 1.8 * gap) * limit])[:, membrane.mesh.apex, 2])
+        / (0.4 * gap * limit)
+        for gap in (1e-3, 1e-2)
+    ]
+    assert rise[0] / rise[1] == pytest.approx(np.sqrt(10.0), rel=0.1)
+    # and more volume takes less pressure: there is a fold
+    apart = volume_of(membrane, near.displacement[-1])
+    start = near.displacement[-1]
+    points = [at_volume(membrane, soft, start, limit, share * apart) for share in (1.0, 1.03, 1.06)]
+    assert max(point.pressure for point in points) <= limit * (1 + 1e-5)
+    assert points[-1].pressure < (1 - 1e-4) * limit
+    assert not points[-1].stable
+
+
+def test_shape_of_a_volume_is_that_of_its_pressure() -> None:
+    stiffness = orthotropic_stiffness(300.0, 200.0, 60.0, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    path = trace(membrane, stiffness)
+    there = solve(membrane, path(0.25)[0], 0.25, stiffness).displacement
+    volume = volume_of(membrane, there)
+    found = at_volume(membrane, stiffness, path(0.24)[0], 0.24, volume)
+    assert found.pressure == pytest.approx(0.25, rel=1e-9)
+    np.testing.assert_allclose(found.displacement, there, rtol=0, atol=1e-7)
+    flat = there * [0.0, 0.0, 1.0]
+    heights = flat[membrane.mesh.cells, 2] @ SHAPE.T
+    assert volume_of(membrane, flat) == pytest.approx(
+        float((heights * membrane.surface.area).sum())
+    )
+
+
+SOFT = orthotropic_stiffness(343.0, 248.0, 1.5, 0.24)
+
+
+def test_loss_of_ellipticity_is_named_where_it_makes_the_path_unstable() -> None:
+    membrane = Membrane(disc(100.0, 3), 0.81)
+    with pytest.raises(SolveError, match="the law has lost ellipticity") as caught:
+        trace(membrane, SOFT)
+    error = caught.value
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert 0.0 < error.reached < error.pressure <= error.reached * 1.001
+    before = trace(membrane, SOFT, (1e-4, error.reached))
+    assert before.stable.all()
+    behind = trace(membrane, SOFT, (1e-4, 1.02 * error.pressure), beyond_ellipticity=True)
+    assert not behind.stable[-1]
+    assert membrane.acoustic_margin(behind.displacement[-1], SOFT) < 0.0
+
+
+@pytest.mark.parametrize("law", ["svk", "yarn"])
+def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
+    membrane = Membrane(disc(100.0, 3), 0.81, law)
+    path = trace(membrane, SOFT)
+    assert path.stable.all()
+    assert path.error_estimate < 1e-3
+    assert membrane.acoustic_margin(path.displacement[-1], SOFT) > 0.0
+
+
+def test_loose_cloth_is_found_from_a_pressure_that_draws_it_taut() -> None:
+    """Uneven cloth of soft shear under 0.001 bar: descent from a paraboloid finds no end."""
+    mesh = disc(100.0, 4)
+    x, y = mesh.nodes.T / 100.0
+    height = -8.14509 + 1.57517 * x - 6.0553 * y + 6.162735 * (x * x - y * y) - 0.446155 * x * y
+    surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
+    membrane = Membrane(mesh, 0.81, "svk", fabric=Fabric(surface=surface))
+    stiffness = orthotropic_stiffness(662.9669, 310.2981, 1.547392, 0.0823245)
+    with pytest.raises(NewtonError):
+        solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness)
+    path = trace(membrane, stiffness)
+    assert path.stable.all()
+    state = membrane.state(path.displacement[0], 1e-4, stiffness)
+    assert np.abs(state.residual).max() < 1e-8 * stiffness.max()
+
+
+@pytest.mark.parametrize("stiffness", [(3.0, 3.0, 3.1, 1.0), (3.0, 3.0, 0.0, 0.0), (np.nan,) * 4])
+def test_inadmissible_stiffness_is_named(stiffness: tuple[float, ...]) -> None:
+    with pytest.raises(SolveError) as caught:
+        trace(Membrane(disc(100.0, 1), 0.81), np.array(stiffness))
+    assert caught.value.cause is Cause.INADMISSIBLE
 
 
 @pytest.mark.parametrize("pressure", [(0.0, 0.3), (0.3, 0.1), (-0.1, 0.1), (0.1, np.inf)])

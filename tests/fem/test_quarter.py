@@ -7,6 +7,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.kernels import assemble, assemble_sensitivity
 from bulgefit.fem.linear import NotPositiveDefiniteError
@@ -92,7 +93,15 @@ def test_what_is_unstable_against_odd_displacements_is_left_to_the_whole() -> No
     even = trace(quarter.even, soft)
     assert even.stable.all()
     assert not quarter.is_stable(even, soft)
-    same(trace_by_quarter(membrane, soft), trace(membrane, soft))
+    found, whole = (of(membrane, soft, beyond_ellipticity=True) for of in (trace_by_quarter, trace))
+    same(found, whole)
+    errors = []
+    for of in (trace_by_quarter, trace):
+        with pytest.raises(SolveError) as caught:
+            of(membrane, soft)
+        errors.append(caught.value)
+    assert errors[0].cause is errors[1].cause is Cause.LOSS_OF_ELLIPTICITY
+    assert errors[0].pressure == errors[1].pressure
 
 
 def same(one: Path, other: Path) -> None:

@@ -17,11 +17,15 @@ from bulgefit.fitting import objective as module
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit, stability
+from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.minimise import Descent, Limits, descend
 from bulgefit.fitting.multistart import starting_points
 from bulgefit.fitting.objective import Objective, TestParts
+from bulgefit.fitting.options import FitOptions
 from bulgefit.fitting.problem import Evaluation, Problem
+from bulgefit.fitting.quality import Quality, Warned
 from bulgefit.fitting.result import FitResult, Stability
+from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import free_parameters, material
 from bulgefit.model.setup import Setup
 
@@ -64,23 +68,27 @@ def test_the_truth_comes_back(
     assert result.value < 1e-4
 
 
-@pytest.mark.parametrize("name", ["e", "e_w", "e_z"])
-def test_noisy_data_of_a_finer_mesh(name: str, make: Maker) -> None:
-    test = make(refine=4, noise=0.02, points=300, frames=8)
-    # one height a frame tells the moduli apart no more than their curve against pressure does
-    result = fit(
-        test,
-        name,
-        material="isotropic" if name == "e_z" else "orthotropic",
-        bounds={} if name == "e_z" else BOUNDS,
-        starts=1,
-        setup=Setup(refine=3),
-    )
-    if name == "e_z":
-        assert 240 < result.material.values["E"] < 330
-        return
-    for key, value in {"E1": 330, "E2": 240, "G12": 30}.items():
-        assert result.material.values[key] == pytest.approx(value, rel=0.05)
+@pytest.mark.parametrize("name", ["e", "e_w", "likelihood"])
+def test_noisy_data_of_no_mesh(name: str, make: Maker) -> None:
+    """The mesh's error is taken off, and what noise does is within the errors that are told."""
+    test = make(exact=True, noise=0.02, points=300, frames=8)
+    result = fit(test, name, starts=1)
+    for key, value, part in (("E1", 330, 2e-3), ("E2", 240, 2e-3), ("G12", 30, 2e-2)):
+        found = result.material.values[key]
+        assert found == pytest.approx(value, rel=part)
+        error = result.uncertainty.stderr[key]
+        assert error is not None
+        assert abs(found - value) < 4.0 * error
+        assert error < part * value
+
+
+def test_heights_of_the_apex_alone_tell_a_modulus(make: Maker) -> None:
+    test = make(material("isotropic", E=250, nu=0.24), exact=True, noise=0.02, points=300, frames=8)
+    result = fit(test, "e_z", material="isotropic", starts=1)
+    error = result.uncertainty.stderr["E"]
+    # a height of 20 mm that is known within 0.02 mm eight times goes with the cube root of 1/E
+    assert result.material.values["E"] == pytest.approx(250, rel=5e-3)
+    assert error is None or error < 2.0
 
 
 def test_methods_find_the_same_optimum(make: Maker, setup: Setup) -> None:
@@ -114,7 +122,7 @@ def test_a_sample_of_the_points_gives_the_same_optimum(
     whole = fit(test, "e_w", **options)
     monkeypatch.setattr(module, "SAMPLE", 5_000)
     sampled = fit(test, "e_w", **options)
-    assert sampled.value == pytest.approx(whole.value, rel=3e-6)
+    assert sampled.value == pytest.approx(whole.value, rel=1e-5)
     # the objective is flat in G12: its value agrees to 3e-6, its place to 2e-3
     for key, rel in (("E1", 1e-3), ("E2", 1e-3), ("G12", 2e-3)):
         assert sampled.material.values[key] == pytest.approx(whole.material.values[key], rel=rel)
@@ -172,7 +180,7 @@ def test_a_fit_without_any_equilibrium_says_so(make: Maker, setup: Setup) -> Non
     assert re.fullmatch(
         r"no start found an equilibrium: every evaluation failed; the last: no equilibrium: .* at "
         r".* bar \(equilibrium was reached up to .* bar; iteration \d+, residual .* N; "
-        r"E = 1\.\d+, nu = 0\.24\)",
+        r"nu12 = 0\.24, E1 = 1\.\d+, E2 = 1\.\d+, G12 = 0\.\d+\)",
         str(failed.value),
     )
 
@@ -182,6 +190,7 @@ def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
         """A problem of one parameter, with equilibria from 0.99 of its range on."""
 
         size = 1
+        objective = SimpleNamespace(squared=False)
 
         def values(self, z: np.ndarray) -> dict[str, float]:
             return {"E": float(z[0])}
@@ -192,9 +201,10 @@ def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
         def evaluate(self, z: np.ndarray, *, derivatives: bool = False) -> Evaluation:
             if z[0] < 0.99:
                 return Evaluation(self.values(z), float("nan"), "no equilibrium")
-            return Evaluation(self.values(z), 1.0, slope=np.zeros(1), fields=[])
+            rows = Rows(np.zeros((1, 1)), np.zeros(1), np.zeros(1), whole=True)
+            return Evaluation(self.values(z), 1.0, slope=np.zeros(1), rows=rows)
 
-        def rows(self, at: Evaluation, z: np.ndarray) -> None:
+        def pull(self, value: float, z: np.ndarray) -> None:
             raise Reached
 
     class Reached(Exception):
@@ -206,26 +216,20 @@ def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
 
 def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> None:
     """A thin specimen is stable up to 1.5 bar, a thick one everywhere, another one nowhere."""
-    pressure = np.array([0.05, 0.15, 0.2])
+    thin, thick, other = (
+        SimpleNamespace(stable_up_to=limit, wrinkled=wet)
+        for limit, wet in ((0.15, False), (None, True), (0.0, False))
+    )
 
-    def path(*stable: bool) -> SimpleNamespace:
-        return SimpleNamespace(
-            pressure=pressure, stable=np.array(stable), wrinkled=np.zeros(3, dtype=bool)
-        )
+    def of(*shapes: SimpleNamespace) -> Stability:
+        tests = [SimpleNamespace(pressure=np.array([0.1, 0.2, 0.3])) for _ in shapes]
+        problem = SimpleNamespace(objective=SimpleNamespace(tests=tests))
+        return stability(problem, shapes)
 
-    def of(paths: dict[tuple[float, float], SimpleNamespace]) -> Stability:
-        tests = [
-            SimpleNamespace(radius=100.0, thickness=t, pressure=np.array([0.1, 0.2, 0.3]))
-            for _, t in paths
-        ]
-        virtual = SimpleNamespace(paths=lambda _, derivatives: paths)
-        return stability(SimpleNamespace(virtual=virtual, tests=tests), None)
-
-    thin, thick, other = (100.0, 0.5), (100.0, 0.8), (100.0, 0.2)
-    assert of({thick: path(True, True, True)}) == Stability(None, 0, False)
-    both = {thin: path(True, True, False), thick: path(True, True, True)}
-    assert of(both) == Stability(pytest.approx(1.5), 2, False)
-    assert of({**both, other: path(False, True, True)}) == Stability(0.0, 5, False)
+    assert of(thick) == Stability(None, 0, True)
+    assert of(thin, thick) == Stability(pytest.approx(1.5), 2, True)
+    assert of(thin, thick, other) == Stability(0.0, 5, True)
+    assert of(thin) == Stability(pytest.approx(1.5), 2, False)
 
 
 def test_a_parameter_at_its_bound_is_flagged(make: Maker, setup: Setup) -> None:
@@ -233,15 +237,21 @@ def test_a_parameter_at_its_bound_is_flagged(make: Maker, setup: Setup) -> None:
     result = fit(test, material="isotropic", bounds={"E": (100, 200)}, starts=1, setup=setup)
     found = result.to_dict()["parameters"]
     assert found["E"] == {
-        "value": 200.0,
+        "value": pytest.approx(200.0, rel=1e-12),
         "unit": "MPa",
         "at_bound": True,
         "lower": 100,
         "upper": 200,
         "free": True,
+        "stderr": None,
+        "interval95": None,
+        "stderr_noise": None,
+        "stderr_blocks": None,
+        "stderr_parts": {},
     }
     assert found["nu"] == {"value": 0.24, "unit": "1", "at_bound": False, "free": False}
-    assert "AT BOUND 100..200: widen --bounds E=..." in result.report()
+    assert "AT BOUND 100..200: no result; widen --bounds E=..." in result.report()
+    assert result.report().startswith("WARNING: E = 200 is the bound that it was given")
 
 
 @pytest.mark.parametrize("method", ["gauss-newton", "L-BFGS-B", "Nelder-Mead"])
@@ -254,6 +264,7 @@ def test_the_evaluation_limit_holds(method: str, make: Maker, setup: Setup) -> N
         assert not descent.converged
         assert descent.reason == "evaluation limit (3) reached"
     assert result.evaluations == 6
+    assert [w.code for w in result.quality.warnings][:1] == ["no_start_converged"]
 
 
 def test_held_ratio(make: Maker, setup: Setup) -> None:
@@ -272,7 +283,7 @@ def test_coordinates_go_there_and_back(setup: Setup, make: Maker) -> None:
     np.testing.assert_allclose(problem.coordinates(values), z, rtol=1e-12)
     assert values["E1"] == pytest.approx(200 * 2.5**0.1)
     assert values["nu12"] == pytest.approx(0.15)
-    columns = problem.columns(z)
+    (columns,) = problem.columns(z)
     for j in range(4):
         high = problem.values(z + 1e-6 * np.eye(4)[j])
         difference = [(high[n] - values[n]) / 1e-6 for n in values]
@@ -341,8 +352,33 @@ def test_report_of_a_fit_that_went_badly() -> None:
     free = free_parameters("orthotropic")
     best = Evaluation({"E1": 400.0, "E2": 234.0, "G12": 2.0}, 0.75)
     failed = Evaluation({"E1": 100.0, "E2": 50.0, "G12": 2.0}, float("nan"), "no equilibrium")
+    errors = Uncertainty(
+        covariance=np.zeros((3, 3)),
+        stderr={"E1": None, "E2": 2.0, "G12": None},
+        interval95={"E1": None, "E2": (230.0, 238.0), "G12": None},
+        noise_stderr={"E1": None, "E2": 1.0, "G12": None},
+        block_stderr={"E1": None, "E2": 2.0, "G12": None},
+        parts={"E2": {"data": 2.0}},
+        correlation={},
+        mesh_error_mm=[0.0011, 0.002, 0.003],
+    )
+    quality = Quality(
+        misfit_over_noise=75.2,
+        explained_share=0.912,
+        structured_share=0.9998,
+        mesh_error_mm=[0.0011, 0.002, 0.003],
+        noise_mm=[0.01, 0.011, 0.02],
+        agreeing=1,
+        starts=2,
+        identifiability={
+            "E2": "E2 is found within 1 %",
+            "G12": "G12 cannot be found from this test",
+        },
+        warnings=[Warned("at_bound", "E1 is at its bound")],
+    )
     result = FitResult(
         material=material("orthotropic", E1=400, E2=234, G12=2, nu12=0.24),
+        effects={"clamp_slip.compliance": 0.02},
         free=free,
         objective="e_w",
         value=0.75,
@@ -353,18 +389,34 @@ def test_report_of_a_fit_that_went_badly() -> None:
             Descent({}, failed, "every evaluation failed", False, [failed]),
         ],
         stability=Stability(0.94, 12, False),
+        uncertainty=errors,
+        quality=quality,
+        options=FitOptions(),
         settings={},
         seconds=1.25,
     )
-    assert result.report() == (
-        "e_w = 0.75 mm  (orthotropic)\n"
-        "  E1            400 MPa  AT BOUND 100..400: widen --bounds E1=...\n"
-        "  E2            234 MPa  in 50..300\n"
-        "  G12             2 MPa  AT BOUND 2..10: widen --bounds G12=...\n"
-        "  nu12         0.24      held\n"
-        "test                              r_dx      r_dy      r_dz         e       e_w       e_z\n"
-        "valmex                          0.2500    0.2500    2.5000    3.0000    0.7500         -\n"
-        "2 starts, 1 converged, 1 at this optimum; 3 forward paths, 2 failed; 1.2 s\n"
+    assert result.report().splitlines() == [
+        "WARNING: E1 is at its bound",
+        "misfit 75.2 times the noise; 91.2 % of the measured displacement explained; 1e+02 % of "
+        "the square misfit is structure; 1 of 2 starts agree",
+        "left of the mesh's error: 1.1, 2, 3 µm in dx, dy, dz, beside a noise of 10, 11, 20 µm",
+        "e_w = 0.75 mm  (orthotropic)",
+        "  E1                             400 MPa  AT BOUND 100..400: no result; widen --bounds "
+        "E1=...",
+        "  E2                             234 MPa  ± 2  (95 %: 230 to 238)",
+        "  G12                              2 MPa  AT BOUND 2..10: no result; widen --bounds "
+        "G12=...",
+        "  nu12                          0.24      held",
+        "  clamp_slip.compliance         0.02 mm per N/mm held",
+        "  E2: standard error 1 by the noise alone, 2 by blocks of frames and sectors; the larger "
+        "one is told",
+        "  G12 cannot be found from this test",
+        "test                              r_dx      r_dy      r_dz         e       e_w       e_z",
+        "valmex                          0.2500    0.2500    2.5000    3.0000    0.7500         -",
+        "2 starts, 1 converged, 1 at this optimum; 3 forward paths, 2 failed; 1.2 s",
         "warning: the model loses stability above 0.94 bar (soft shear localises); 12 frames lie "
-        "beyond: judge the fit without them (--max-pressure)"
-    )
+        "beyond: judge the fit without them (--max-pressure)",
+    ]
+    assert result.to_dict()["quality"]["warnings"] == [
+        {"code": "at_bound", "text": "E1 is at its bound"}
+    ]

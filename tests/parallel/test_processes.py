@@ -51,7 +51,7 @@ def test_workers_end_with_a_parent_that_is_killed(
     """So do the files by which it sent them data."""
     assert len([*(tmp_path / "sent").iterdir()]) == 2
     parent.kill()
-    everybody_ends(parent, 5.0)
+    everybody_ends(parent, 10.0)
     assert parent.returncode == -signal.SIGKILL
     assert not [*(tmp_path / "sent").iterdir()]
 
@@ -61,7 +61,7 @@ def test_ctrl_c_ends_workers_without_a_word_of_theirs(
 ) -> None:
     """A terminal sends it to all of them; the parent alone says so."""
     os.killpg(parent.pid, signal.SIGINT)
-    said = everybody_ends(parent, 5.0)
+    said = everybody_ends(parent, 10.0)
     assert not [*(tmp_path / "sent").iterdir()]
     assert said.count("Traceback") == 1
     assert said.splitlines()[-1] == "KeyboardInterrupt"

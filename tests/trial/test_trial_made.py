@@ -13,15 +13,15 @@ import bulgefit.trial
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.trial import recording, window
-from bulgefit.trial.draw import COUNTS, KINDS, Draw, draw, without
-from bulgefit.trial.fabric import Shapes
+from bulgefit.trial.draw import COUNTS, KINDS, Draw, Wave, draw, enlarged, firmer, without
+from bulgefit.trial.fabric import Shapes, UnstableDrawError
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.gauge import true_load
 from bulgefit.trial.hexagon import FINENESS, TwoPlies, hexagon
 from bulgefit.trial.known import FORMS, KNOWN, NOT_TOGETHER
-from bulgefit.trial.make import Recipe, make_test
+from bulgefit.trial.make import Recipe, audible, make_test, until_stable
 from bulgefit.trial.noise import holes, noise
-from bulgefit.trial.signature import of_each
+from bulgefit.trial.signature import noise_free, of_each
 from bulgefit.trial.window import NodalField
 
 SMALL = Recipe(frames=6, spacing=13.0, fineness=8)
@@ -265,6 +265,72 @@ def test_causes_come_in_every_number():
     assert {len(effects) for effects in beside} == {2, 3, 4}
     assert {effects[0] for effects in beside} == {*FOREIGN}
     assert all({*effects[1:]} <= {*KNOWN} for effects in beside)
+
+
+def test_an_effect_grows_back_to_what_was_drawn():
+    small = draw("four", np.random.default_rng(1), 10.0)
+    large = draw("four", np.random.default_rng(1), 1.0)
+    for effect in small.effects:
+        names = [key for key in small.parameters if key.startswith(f"{effect}.")]
+        full, part = (enlarged(small, effect, by) for by in (1e3, 1.05))
+        for key in small.parameters:
+            if key in names:
+                assert full.get(key) == pytest.approx(large.get(key))
+            else:
+                assert full.get(key) == part.get(key) == small.get(key)
+        assert full.shares[effect] == pytest.approx(1.0)
+        assert part.shares[effect] == pytest.approx(1.05 * small.shares[effect])
+    waved = Draw(
+        ("reference_state",), {}, (Wave(2, 0.1, 0.01, 0.0, 0.0),), {}, {"reference_state": 0.5}
+    )
+    assert [enlarged(waved, "reference_state", by).waves[0].amplitude for by in (1.5, 9.0)] == [
+        pytest.approx(0.15),
+        pytest.approx(0.2),
+    ]
+    nu = Draw(("poisson_ratio",), {"poisson_ratio.nu12": 0.26}, (), {}, {"poisson_ratio": 0.2})
+    assert enlarged(nu, "poisson_ratio", 2.0).nu12 == pytest.approx(0.28)
+
+
+def test_a_cause_that_the_noise_would_hide_is_enlarged_to_it():
+    """Depth off by 0.1 % is below the noise; it may be off by up to 2 %, or by 0.15 %."""
+    rng = np.random.default_rng(0)
+    noise_mm = np.sqrt(2 * 0.009**2 + 0.018**2)
+    setting = recording.place(CLEAN, np.random.default_rng(0), SMALL)
+    for share, full in ((0.05, True), (2 / 3, False)):
+        scale, shares = {"depth_scale.scale_z": 0.001}, {"depth_scale": share}
+        faint = Draw(("depth_scale",), scale, (), CLEAN.moduli, shares)
+        before, after = (
+            of_each(one, setting)["depth_scale"]["signature_left_mm"]
+            for one in (faint, audible(faint, rng, SMALL))
+        )
+        assert before < 0.5 * noise_mm
+        if full:
+            assert after == pytest.approx(noise_mm, rel=0.1)
+        else:
+            assert after == pytest.approx(1.5 * before, rel=0.01)
+    loud = make_test("clamp_lobes", 0, SMALL).truth
+    again = make_test("clamp_lobes", 0, Recipe(6, 13.0, 8, audible=True)).truth
+    assert again["parameters"] == loud["parameters"]
+
+
+def test_a_fabric_that_is_too_soft_is_made_firmer():
+    """In shear, by 1.1 to 1.4 each time, until it is stable; not for ever."""
+    soft = Draw((), {}, (), {"E1": 330.0, "E2": 200.0, "G12": 0.5})
+    setting = recording.place(soft, np.random.default_rng(0), SMALL)
+    with pytest.raises(UnstableDrawError):
+        noise_free(soft, setting, 8)
+    firm, (_, seen) = until_stable(
+        soft, np.random.default_rng(0), lambda one: noise_free(one, setting, 8), firmer
+    )
+    assert 0.55 <= firm.moduli["G12"] < 20.0
+    assert (firm.moduli["E1"], firm.moduli["E2"]) == (330.0, 200.0)
+    assert np.isfinite(seen).all()
+
+    def never(one):
+        raise UnstableDrawError("no")
+
+    with pytest.raises(UnstableDrawError, match="try another seed"):
+        until_stable(soft, np.random.default_rng(0), never, firmer)
 
 
 def test_plies_share_their_rim():

@@ -23,6 +23,7 @@ from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe
 from bulgefit.trial.plan import SHARES, interpolated, plan
 from bulgefit.trial.run import run_trial, score_folder
+from bulgefit.trial.score import score
 
 SMALL = Recipe(frames=5, spacing=18.0, fineness=8)
 #: Just enough for a diagnosis to judge.
@@ -153,6 +154,34 @@ def test_strike_takes_out_the_true_effect_alone(tmp_path):
         else:
             assert "effects" not in given
             assert line["right"]
+
+
+def test_the_verb_strikes_from_the_catalogue_of_the_diagnosis(tmp_path, monkeypatch):
+    """The dice may know effects that it does not know."""
+    from bulgefit.gap.effects import CATALOGUE
+
+    asked = {}
+
+    def fake(number, seed, **options):
+        asked.update(options)
+        return {"scores": score([]), "tests": [], "meta": {}}
+
+    monkeypatch.setattr(trial, "run_trial", fake)
+    assert verb.run(arguments("--strike", "--output", str(tmp_path / "t"))) == 0
+    assert asked["options"] == {"effects": [*CATALOGUE]}
+    assert asked["recipe"] == Recipe(shrink=10.0)
+    assert verb.run(arguments("--output", str(tmp_path / "u"), "--shrink", "2")) == 0
+    assert asked["options"] is None
+    assert asked["recipe"] == Recipe(shrink=2.0)
+
+
+def test_only_a_trial_of_all_kinds_is_audible_and_mixed():
+    mixed = interpolated(40, 3)
+    whole = trial._recipes(SMALL, 40, 3, whole=True)
+    assert {i for i, recipe in enumerate(whole) if recipe.interpolated} == mixed
+    assert len(mixed) == 2
+    assert all(recipe.audible for recipe in whole)
+    assert trial._recipes(SMALL, 40, 3, whole=False) == [SMALL] * 40
 
 
 def test_strike_keeps_to_the_effects_that_were_asked_for(tmp_path):

@@ -144,6 +144,22 @@ def test_causes_are_counted_one_by_one():
     assert "pressure_gain" not in causes["by_effect"]
 
 
+@pytest.mark.parametrize(
+    ("specimen", "right"), [(None, True), ("a", True), ("b", False), ("unheard of", True)]
+)
+def test_a_cause_of_another_specimen_is_false(specimen, right):
+    made = record(SLIP + PRE, "named", SLIP, sure("prestrain", 1.0, specimen="a"), kind="family")
+    made["truth"]["specimens"] = [
+        {"name": "a", "effects": ["clamp_slip", "prestrain"]},
+        {"name": "b", "effects": ["clamp_slip"]},
+    ]
+    made["answer"]["causes"].append(sure("prestrain", 1.0, specimen=specimen))
+    assert is_right(made) is right
+    causes = score([made])["causes"]
+    assert (causes["false"]["hits"], causes["false"]["of"]) == ((0, 2) if right else (1, 3))
+    assert causes["found"]["hits"] == 2
+
+
 def test_causes_are_told_by_their_size():
     """Noise of 6, 6 and 14.5 µm is 16.8 µm together."""
     found = record(SLIP + PRE, "named", SLIP)

@@ -36,6 +36,7 @@ __all__ = [
     "prints_json",
     "progress",
     "solver_options",
+    "step",
     "versions",
     "workers_from",
     "write_json",
@@ -281,6 +282,8 @@ def deliver(
     if isinstance(sys.exc_info()[1], KeyboardInterrupt):
         works = ()
     with ExitStack() as rest:  # what is put first is done last
+        if hasattr(args, "shown"):
+            args.shown.end()
         if prints_json(args):
             rest.callback(write_json, payload, "-")
         else:
@@ -378,6 +381,8 @@ def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
 def executor_from(args: argparse.Namespace, *, processes: bool = False) -> Iterator[Executor]:
     """The executor that --workers and --scheduler name, until the block ends.
 
+    What it has done is shown meanwhile, unless --quiet.
+
     Parameters
     ----------
     processes : bool
@@ -388,13 +393,24 @@ def executor_from(args: argparse.Namespace, *, processes: bool = False) -> Itera
     InputError
         Both were given, or no scheduler answers.
     """
+    from bulgefit.cli.progress import Progress
+    from bulgefit.parallel.spread import counted
     from bulgefit.parallel.workers import open_executor
 
     if args.scheduler is not None and args.workers is not None:
         raise InputError("--workers and --scheduler do not go together: a cluster has its own")
     workers = workers_from(args)
-    with open_executor(workers, args.scheduler, processes=processes) as executor:
+    with (
+        open_executor(workers, args.scheduler, processes=processes) as executor,
+        Progress(quiet=args.quiet) as args.shown,
+        counted(args.shown.count),
+    ):
         yield executor
+
+
+def step(args: argparse.Namespace, what: str) -> None:
+    """Show what is tried now by the executor of `executor_from`, unless --quiet."""
+    args.shown.say(what)
 
 
 def versions() -> dict[str, str]:

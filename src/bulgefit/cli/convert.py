@@ -134,6 +134,8 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.rotate:
         test = test.rotated(args.rotate)
+    if done := _done(args):
+        test = test.with_history(f"bulgefit convert {args.input}: {done}")
     write_test(test, args.output, force=args.force)
     _common.progress(
         args,
@@ -141,6 +143,20 @@ def run(args: argparse.Namespace) -> int:
         f"{test.pressure.min() * 10:.4g} to {test.pressure.max() * 10:.4g} bar",
     )
     return 0
+
+
+def _done(args: argparse.Namespace) -> str:
+    """The options that changed the numbers, as they were given."""
+    said = [f"--unit {text}" for text in args.unit]
+    said += ["--from-positions"] if args.from_positions else []
+    for name in ("swap_xy", "flip", "shift"):
+        if getattr(args, name) is not None:
+            said.append(f"--{name.replace('_', '-')} {getattr(args, name)}")
+    said += ["--level"] if args.level else []
+    said += [f"--centre {args.centre}"] if args.centre is not None else []
+    said += [f"--crop {args.crop:g}"] if args.crop is not None else []
+    said += [f"--rotate {args.rotate:g}"] if args.rotate else []
+    return " ".join(said)
 
 
 def _mends(args: argparse.Namespace) -> list[Mend]:

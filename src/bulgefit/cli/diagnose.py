@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import shutil
-import sys
-import time
 from functools import partial
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common, _fitting
-from bulgefit.cli.streams import say
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from bulgefit.dic import BulgeTest
     from bulgefit.gap.diagnosis import Diagnosis
 
@@ -108,11 +102,8 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.gap.diagnosis import diagnose
     from bulgefit.report.diagnosis import report_text
 
-    with (
-        # threads would wait for each other: most of a refit is Python
-        _common.executor_from(args, processes=workers > 1) as executor,
-        _Progress(quiet=args.quiet) as progress,
-    ):
+    # threads would wait for each other: most of a refit is Python
+    with _common.executor_from(args, processes=workers > 1) as executor:
         found = diagnose(
             tests,
             holdout=holdout,
@@ -123,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
             executor=executor,
             # those of a cluster have their own work for their cores
             workers=1 if args.scheduler else workers,
-            say=progress.say,
+            say=partial(_common.step, args),
         )
     works = [] if args.report is None else [partial(_draw, args, found)]
     _common.deliver(args, found.to_dict(), report_text(found), *works)
@@ -162,37 +153,3 @@ def _effects(text: str | None) -> list[str] | None:
         raise InputError("--effects: give one or more names, such as clamp_slip,prestrain")
     chosen_effects(names)
     return names
-
-
-class _Progress:
-    """Says on stderr what is tried: one line over itself on a terminal, else a line each."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        self._quiet = quiet
-        self._over = sys.stderr.isatty()
-        self._began = time.monotonic()
-        self._count = 0
-
-    def __enter__(self) -> _Progress:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._over and self._count:
-            say("\r\x1b[K")
-
-    def say(self, what: str) -> None:
-        """Show one step."""
-        if self._quiet:
-            return
-        self._count += 1
-        text = f"{time.monotonic() - self._began:4.0f} s, step {self._count}: {what}"
-        if self._over:
-            width = shutil.get_terminal_size().columns - 1
-            say(f"\r\x1b[K{text[:width]}")
-        else:
-            say(f"{text}\n")

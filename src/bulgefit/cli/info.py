@@ -75,6 +75,7 @@ def _table(info: TestInfo) -> str:
     ]
     if info.duration_s is not None:
         rows.append(("duration", f"{info.duration_s:.4g} s"))
+    rows += [("history", line) for line in info.history]
     lines = [f"{key:<15} {value}" for key, value in rows]
     lines.append("looks wrong:" if info.warnings else "nothing looks wrong")
     for warning in info.warnings:

@@ -24,6 +24,7 @@ VERBS = {
     "simulate": ("bulgefit.cli.simulate", "inflate a membrane of known material"),
     "formats": ("bulgefit.cli.formats", "list the files that are read, with a line of each"),
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
+    "align": ("bulgefit.cli.align", "lay a raw cloud of points into the clamp's frame"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),

@@ -19,6 +19,9 @@ GRACE = 0.7
 
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
+#: For a terminal on which a line of progress may have hidden it.
+_SHOW_CURSOR = "\x1b[?25h"
+
 _saying = threading.Lock()
 
 
@@ -71,6 +74,8 @@ def _watch(ours: socket.socket, told: socket.socket, name: str) -> None:
     number = ours.recv(1)[0]
     time.sleep(GRACE)
     drop_unfinished()
+    if os.isatty(2):
+        say(_SHOW_CURSOR)
     leave(name, Told(number))
 
 

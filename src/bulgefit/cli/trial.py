@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = (
-        "Make bulge tests with a drawn effect and size, seal the truth (its SHA-256 is printed\n"
+        "Make bulge tests with drawn effects and sizes, seal the truth (its SHA-256 is printed\n"
         "before any diagnosis starts), diagnose them blind in other processes, then open the\n"
         "truth and score. Tests have none to six effects, a third of them one from outside the\n"
         "catalogue, alone or beside others; families are three tests of one cloth, diagnosed\n"

@@ -76,6 +76,8 @@ class BulgeTest:
     time : (frames,) array, s, or None
     source, checksum : str
         Where the test was read from, and the SHA-256 of what was read ("" if made in memory).
+    history : tuple of str
+        What was done to it before, one line each; it is written into files.
     """
 
     name: str
@@ -88,6 +90,7 @@ class BulgeTest:
     time: Floats | None = None
     source: str = ""
     checksum: str = ""
+    history: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("pressure", "static_displacement", "time"):
@@ -113,6 +116,7 @@ class BulgeTest:
         time: ArrayLike | None = None,
         source: str = "",
         checksum: str = "",
+        history: Sequence[str] = (),
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -130,6 +134,7 @@ class BulgeTest:
         static_displacement : (m, n, 3) array_like, mm, optional
         time : (frames,) array_like, s, optional
         source, checksum : str
+        history : sequence of str
         crop : float, mm, optional
             Points farther than this from the centre are left out before the test is checked.
         mends : sequence of callables, optional
@@ -161,6 +166,7 @@ class BulgeTest:
             time=None if time is None else assemble.per_frame(time, "time", where),
             source=source,
             checksum=checksum,
+            history=tuple(history),
         )
         return test._checked(crop, mends)
 
@@ -177,6 +183,7 @@ class BulgeTest:
         time: ArrayLike | None = None,
         source: str = "",
         checksum: str = "",
+        history: Sequence[str] = (),
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -191,7 +198,7 @@ class BulgeTest:
             Reference and displacement of each frame; points without a position or without any
             measured component are dropped.
         pressure : (frames,) array_like, MPa
-        name, radius, thickness, poisson_ratio, time, source, checksum, crop, mends
+        name, radius, thickness, poisson_ratio, time, source, checksum, history, crop, mends
             As in `from_arrays`.
 
         Raises
@@ -216,6 +223,7 @@ class BulgeTest:
             time=None if time is None else assemble.per_frame(time, "time", where),
             source=source,
             checksum=checksum,
+            history=tuple(history),
         )
         return test._checked(crop, mends)
 
@@ -351,6 +359,10 @@ class BulgeTest:
         )
         check(test)
         return test
+
+    def with_history(self, line: str) -> BulgeTest:
+        """The same test, with one more line of what was done to it."""
+        return replace(self, history=(*self.history, " ".join(line.split())))
 
     def cropped(self, radius: float) -> BulgeTest:
         """Leave out the points farther than `radius` (mm) from the centre."""

@@ -56,6 +56,8 @@ class TestInfo:
         Images at rest.
     static_noise_mm : tuple of three floats or None, mm
         Standard deviation of dx, dy, dz about each point's mean over the images at rest.
+    history : tuple of str
+        What was done to the test before, one line each.
     warnings : tuple of Suspicion
         What looks wrong: code, text and remedy of each.
     """
@@ -85,6 +87,7 @@ class TestInfo:
     duration_s: float | None
     n_static: int
     static_noise_mm: tuple[float | None, ...] | None
+    history: tuple[str, ...]
     warnings: tuple[Suspicion, ...]
 
 
@@ -128,6 +131,7 @@ def describe(test: BulgeTest) -> TestInfo:
         duration_s=None if test.time is None else float(np.ptp(test.time)),
         n_static=0 if static is None else len(static),
         static_noise_mm=None if static is None else _static_noise(static),
+        history=test.history,
         warnings=tuple(suspicions(test)),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,8 +16,13 @@ from bulgefit.errors import InputError
 __all__ = ["OPTIONAL", "REQUIRED", "need_memory", "recording_from"]
 
 REQUIRED = ("reference", "displacement", "pressure")
-OPTIONAL = ("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time")
+OPTIONAL = (
+    *("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time"),
+    "history",
+)
 
+# Of what else a file holds, so many names are told.
+_MOST_NAMES = 20
 # More frames than this, of which each costs some time, come from no camera.
 _MOST_FRAMES = 50_000
 
@@ -59,7 +65,7 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
     """
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        found = ", ".join(sorted(arrays)) or "nothing"
+        found = ", ".join(map(_name, sorted(arrays)[:_MOST_NAMES])) or "nothing"
         raise InputError(
             f"{where}: not a bulge test, it has no {' and no '.join(missing)}; found {found}"
         )
@@ -79,6 +85,7 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
         poisson_ratio=_number(arrays, "poisson_ratio", where),
         static_displacement=arrays.get("static_displacement"),
         time=arrays.get("time"),
+        history=_lines(arrays.get("history"), where),
     )
     if "frame" in arrays:
         recording.frames = _split(arrays, where)
@@ -91,6 +98,21 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
         recording.reference = arrays["reference"]
         recording.displacement = arrays["displacement"]
     return recording
+
+
+def _lines(history: NDArray[Any] | None, where: str) -> list[str]:
+    """The lines of a text that is kept as the bytes of UTF-8, for want of text in HDF5 and npz."""
+    if history is None:
+        return []
+    if history.dtype != np.uint8 or history.ndim != 1:
+        raise InputError(f"{where}: history is not the bytes of a text; leave it out")
+    text = history.tobytes().decode(errors="replace")
+    return ["".join(filter(str.isprintable, line)) for line in text.splitlines()]
+
+
+def _name(key: str) -> str:
+    """The name of an array, on one line whatever it holds."""
+    return key if key.isprintable() and len(key) <= 40 else reprlib.repr(key)
 
 
 def _number(arrays: Mapping[str, NDArray[Any]], key: str, where: str) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
-from bulgefit.dic.rim import rim_centre
+from bulgefit.dic.rim import rim_of
 from bulgefit.dic.units import LENGTH, PRESSURE, factor
 from bulgefit.errors import InputError
 
@@ -147,13 +147,13 @@ def centred(test: BulgeTest, by: str) -> BulgeTest:
 
 def rim_position(test: BulgeTest) -> Floats:
     """x, y (mm) of the rim's centre, where the heights tell it."""
-    found = rim_centre(test)
+    found = rim_of(test)
     if found is None:
         raise InputError(
             f"{test.source or test.name}: too few frames or points to tell the rim's centre; give "
             "what you measured with --shift"
         )
-    return found.position
+    return found.centre
 
 
 def apex_position(test: BulgeTest) -> Floats:

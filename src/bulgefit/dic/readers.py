@@ -109,6 +109,7 @@ def read_test(
         "time": recording.time,
         "source": str(path),
         "checksum": recording.checksum,
+        "history": recording.history,
         "crop": crop,
         "mends": mends,
     }

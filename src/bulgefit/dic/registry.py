@@ -48,6 +48,8 @@ class Recording:
         Of the numbers in the file, one of `bulgefit.dic.units.PRESSURE`: messages speak in it.
     notes : sequence of str
         What was taken, joined and lost on the way, one line each, for whoever reads the test.
+    history : sequence of str
+        What was done to the test before it was written.
     """
 
     pressure: ArrayLike
@@ -63,6 +65,7 @@ class Recording:
     name: str | None = None
     pressure_unit: str = "MPa"
     notes: Sequence[str] = ()
+    history: Sequence[str] = ()
 
 
 @dataclass(frozen=True)

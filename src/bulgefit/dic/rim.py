@@ -1,10 +1,11 @@
-"""Where is the clamp's centre? Where the heights, continued outwards, fall to zero.
+"""Where is the clamp's rim? Where the heights, continued outwards, fall to zero.
 
 About the clamp's centre c the heights of a frame are w = (1 - |x - c|^2/a^2) q(x) with a smooth q.
 To first order in c that is (1 - |x|^2/a^2) q + 2 (x . c)/a^2 q, so that on the circle about the
 origin a height that grows along c is left. It is in proportion to q at the rim, which grows as the
 cube root of pressure, where a tilt of the reference stays the same and one of the fixture grows
-with pressure: many frames tell them apart.
+with pressure: many frames tell them apart. Likewise a clamp of radius a (1 + d) leaves 2 d q all
+around.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.coverage import coverage
 
-__all__ = ["RimCentre", "rim_centre"]
+__all__ = ["Rim", "rim_of"]
 
 Floats = NDArray[np.floating]
 
@@ -34,22 +35,26 @@ _ERRORS = 3.0
 
 
 @dataclass(frozen=True)
-class RimCentre:
-    """The clamp's centre as the heights tell it.
+class Rim:
+    """The clamp's rim as the heights tell it.
+
+    The errors are how far it may be off: half the range of what two smooth fields, with and
+    without a moving fixture, say, and three standard errors.
 
     Attributes
     ----------
-    position, error : (2,) arrays, mm
-        x, y, and how far they may be off: half the range of what two smooth fields, with and
-        without a moving fixture, say, with three standard errors.
+    centre, centre_error : (2,) arrays, mm
+    radius, radius_error : float, mm
     """
 
-    position: Floats
-    error: Floats
+    centre: Floats
+    centre_error: Floats
+    radius: float
+    radius_error: float
 
 
-def rim_centre(test: BulgeTest) -> RimCentre | None:
-    """The clamp's centre; None where points or frames are too few to tell."""
+def rim_of(test: BulgeTest) -> Rim | None:
+    """The clamp's rim; None where points or frames are too few to tell."""
     order = np.argsort(test.pressure, kind="stable")
     at = np.unique(np.linspace(0, test.n_frames - 1, _MOST_FRAMES).astype(int))
     frames = [_heights(test, int(frame)) for frame in order[at]]
@@ -59,14 +64,17 @@ def rim_centre(test: BulgeTest) -> RimCentre | None:
         return None
     estimates, errors = [], []
     for degree in _DEGREES:
-        tilts, at_rim = zip(*(_rim_of(points, dz, degree) for points, dz in fields), strict=True)
+        left, at_rim = zip(
+            *(_left_at_rim(points, dz, degree) for points, dz in fields), strict=True
+        )
         for moving in (False, True):
-            found = _in_proportion(np.array(tilts), np.array(at_rim), load, moving)
+            found = _in_proportion(np.array(left), np.array(at_rim), load, moving)
             estimates.append(found[0])
             errors.append(found[1])
     low, high = np.min(estimates, axis=0), np.max(estimates, axis=0)
-    spread = (high - low) / 2 + _ERRORS * np.max(errors, axis=0)
-    return RimCentre((low + high) / 2 * test.radius, spread * test.radius)
+    spread = ((high - low) / 2 + _ERRORS * np.max(errors, axis=0)) * test.radius
+    x, y, growth = (low + high) / 2 * test.radius
+    return Rim(np.array([x, y]), spread[:2], test.radius + float(growth), float(spread[2]))
 
 
 def _heights(test: BulgeTest, frame: int) -> tuple[Floats, Floats] | None:
@@ -78,15 +86,15 @@ def _heights(test: BulgeTest, frame: int) -> tuple[Floats, Floats] | None:
     return reference[known, :2] / test.radius, displacement[known, 2] / test.radius
 
 
-def _rim_of(points: Floats, dz: Floats, degree: int) -> tuple[Floats, float]:
-    """What grows along x and y on the circle about the origin, and the mean of q on it."""
+def _left_at_rim(points: Floats, dz: Floats, degree: int) -> tuple[Floats, float]:
+    """What grows along x and y on the circle, what is left all around, and the mean of q on it."""
     inside = 1 - (points**2).sum(axis=1)
     smooth = _powers(points, degree)
     basis = np.column_stack([inside[:, None] * smooth, points, np.ones(len(points))])
     found = np.linalg.lstsq(basis, dz, rcond=None)[0]
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    return found[-3:-1], float((_powers(circle, degree) @ found[:-3]).mean())
+    return found[-3:], float((_powers(circle, degree) @ found[:-3]).mean())
 
 
 def _powers(points: Floats, degree: int) -> Floats:
@@ -95,12 +103,12 @@ def _powers(points: Floats, degree: int) -> Floats:
 
 
 def _in_proportion(
-    tilts: Floats, at_rim: Floats, load: Floats, moving: bool
+    left: Floats, at_rim: Floats, load: Floats, moving: bool
 ) -> tuple[Floats, Floats]:
-    """c/a from the part of the tilts that goes with q at the rim, and its standard error."""
+    """c/a and d from the part of what is left that goes with q, and their standard errors."""
     columns = [2 * at_rim, np.ones_like(at_rim)] + ([load / load.max()] if moving else [])
     basis = np.column_stack(columns)
-    found = np.linalg.lstsq(basis, tilts, rcond=None)[0]
+    found = np.linalg.lstsq(basis, left, rcond=None)[0]
     freedom = len(basis) - basis.shape[1]
-    variance = ((tilts - basis @ found) ** 2).sum(axis=0) / freedom
+    variance = ((left - basis @ found) ** 2).sum(axis=0) / freedom
     return found[0], np.sqrt(variance * np.linalg.pinv(basis.T @ basis)[0, 0])

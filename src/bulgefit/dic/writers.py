@@ -26,6 +26,7 @@ _UNITS = {
     "time": "s",
     "poisson_ratio": "1",
     "frame": "1",
+    "history": "1",
 }
 
 
@@ -73,6 +74,8 @@ def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
         arrays["static_displacement"] = test.static_displacement
     if test.time is not None:
         arrays["time"] = test.time
+    if test.history:
+        arrays["history"] = np.frombuffer("\n".join(test.history).encode(), dtype=np.uint8)
     return arrays
 
 

@@ -10,6 +10,9 @@ from bulgefit.effects.places import LEAST_SLIP, Clamping
 
 __all__ = ["EFFECT"]
 
+#: Half of the step of a difference, over the compliance.
+_STEP = 1e-3
+
 
 class ClampSlip(Effect):
     """The rim moves radially inwards by compliance times the radial edge traction (N per mm)."""
@@ -39,8 +42,9 @@ class ClampSlip(Effect):
 
     def span(self, name: str, value: float) -> tuple[float, float]:
         """A relative step, since the springs' force goes with one over the compliance."""
-        value = max(value, LEAST_SLIP)
-        return value * (1.0 - 1e-3), value * (1.0 + 1e-3)
+        # springs are never stiffer than at the least slip: below it there is no difference
+        value = max(value, LEAST_SLIP / (1.0 - _STEP))
+        return value * (1.0 - _STEP), value * (1.0 + _STEP)
 
 
 EFFECT = ClampSlip()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several
-from bulgefit.effects.places import Scene
+from bulgefit.effects.places import MOTION, Scene
 
 __all__ = ["EFFECT"]
 
@@ -28,7 +28,7 @@ class DepthScale(Effect):
         reason="a stereo angle that is off by a tenth of a degree",
         step=1e-5,
     )
-    order = 2
+    order = MOTION + 2
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
         """See the class."""

@@ -19,7 +19,7 @@ _SHIFTS = ("shift_x", "shift_y", "shift_z")
 
 
 class FixtureMotion(Effect):
-    """As `rigid_motion`, in proportion to the true pressure."""
+    """u_seen = R(X + u) + shift - X, turn and shift in proportion to the true pressure."""
 
     id = "fixture_motion"
     place = "camera"

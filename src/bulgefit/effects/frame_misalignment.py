@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from bulgefit.effects.base import Effect, Own, several
-from bulgefit.effects.places import Scene
+from bulgefit.effects.places import MOTION, Scene
 
 __all__ = ["EFFECT"]
 
@@ -31,7 +31,7 @@ class FrameMisalignment(Effect):
         reason="axes laid through a few marks by hand are right within a degree",
         step=1e-4,
     )
-    order = 5
+    order = MOTION + 3
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
         """See the class."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several
-from bulgefit.effects.places import Scene
+from bulgefit.effects.places import MOTION, Scene
 
 __all__ = ["EFFECT"]
 
@@ -31,7 +31,7 @@ class LensDistortion(Effect):
         reason="what is left of the distortion of a good lens after calibration",
         step=1e-5,
     )
-    order = 3
+    order = MOTION + 1
 
     def locate(self, own: Own, seen: Floats, radius: float) -> Floats:
         """Undone by fixed-point corrections."""

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.clamp import LEAST_COMPLIANCE
 
-__all__ = ["KNEE", "LEAST_SLIP", "Clamping", "Cloth", "Load", "Scene"]
+__all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene"]
 
 Floats = NDArray[np.float64]
+
+#: Effects of the cameras of a higher `order` act on what the moved frame shows.
+MOTION = 10
 
 #: Compliance (mm per N/mm) of a clamp that begins to slip: its rim moves by 2e-5 mm.
 LEAST_SLIP = 2.0 * LEAST_COMPLIANCE

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.errors import Cause
 from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane, State
 
@@ -33,8 +34,16 @@ SAFETY = 10.0
 class NewtonError(ArithmeticError):
     """Newton's method stopped short of equilibrium."""
 
-    def __init__(self, reason: str, iteration: int, residual_norm: float, work: int) -> None:
+    def __init__(
+        self,
+        reason: str,
+        iteration: int,
+        residual_norm: float,
+        work: int,
+        cause: Cause = Cause.NOT_CONVERGED,
+    ) -> None:
         super().__init__(reason)
+        self.cause = cause
         self.reason = reason
         self.iteration = iteration
         self.residual_norm = residual_norm
@@ -149,7 +158,7 @@ def solve(
     unit = membrane.radius / 100.0
     state = search.look(displacement, tangent=True)
     if not np.isfinite(state.potential):
-        raise NewtonError("the starting shape has a collapsed cell", 0, np.inf, 0)
+        raise NewtonError("the starting shape has a collapsed cell", 0, np.inf, 0, Cause.COLLAPSED)
     for iteration in range(1, (FROM_NEAR if follow else FROM_AFAR) + 1):
         if state.tangent is None:
             state = search.look(displacement, tangent=True)
@@ -258,11 +267,13 @@ class _Search:
     ) -> tuple[Floats, State, Floats]:
         """A step that makes progress; the new shape, its state, and the next correction (N,).
 
-        A step that will be the last is not looked at again.
+        A step that will be the last is not looked at again, unless there are wrinkles: where they
+        come and go the tangent jumps, and convergence is not quadratic.
         """
         step = self.correct(factor, state)
         size = float(np.abs(step).max())
-        if self.shift == 0.0 and SAFETY * self.rate * size**2 <= CORRECTION * self._unit:
+        smooth = self.shift == 0.0 and state.wrinkled == 0
+        if smooth and SAFETY * self.rate * size**2 <= CORRECTION * self._unit:
             last = displacement + self.membrane.spread(step)
             return last, replace(state, tangent=None), np.zeros_like(step)
         slope = float(state.residual @ step)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError
 from bulgefit.fem.clamp import Clamp
+from bulgefit.fem.ellipticity import ROUNDING, least_margin
 from bulgefit.fem.geometry import ReferenceSurface
 from bulgefit.fem.kernels import (
     assemble,
@@ -366,6 +367,18 @@ class Membrane:
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q, of this stiffness (4,) and the fabric."""
         return self.fabric.law_parameters(stiffness)
+
+    def acoustic_margin(self, displacement: Floats, stiffness: Floats) -> float:
+        """Least margin of ellipticity over the Gauss points, over D11 + D22; negative: lost.
+
+        Infinite where no point needs a search; NaN where a cell has collapsed.
+        """
+        margin, _ = least_margin(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation,
+        )  # fmt: skip
+        relative = margin / (stiffness[0] + stiffness[1])
+        return 0.0 if abs(relative) <= ROUNDING else relative
 
     def factorise(self, state: State, shift: float = 0.0, *, spent: bool = False) -> Factor:
         """Factor of the state's tangent, overwritten if `spent`; NotPositiveDefiniteError."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bulgefit.errors import SolveError
+from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh
@@ -84,6 +84,7 @@ def trace_by_quarter(
     tolerance: float = TOLERANCE,
     sensitivities: bool = False,
     parameters: Mapping[str, float] | None = None,
+    beyond_ellipticity: bool = False,
 ) -> Path:
     """`trace`, of a quarter of the membrane where shapes mirror in both axes and are stable.
 
@@ -96,15 +97,19 @@ def trace_by_quarter(
             path = trace(
                 quarter.even, stiffness, pressure, tolerance=tolerance,
                 sensitivities=sensitivities, parameters=parameters,
+                beyond_ellipticity=beyond_ellipticity,
             )  # fmt: skip
-        except SolveError:
-            pass
+        except SolveError as error:
+            # another cause may strike the whole at a lower pressure
+            if error.cause is Cause.INADMISSIBLE:
+                raise
         else:
             if quarter.is_stable(path, stiffness):
                 return _whole(path, quarter, membrane, stiffness)
     return trace(
         membrane, stiffness, pressure, tolerance=tolerance,
         sensitivities=sensitivities, parameters=parameters,
+        beyond_ellipticity=beyond_ellipticity,
     )  # fmt: skip
 
 

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import Cause, InputError, SolveError
 from bulgefit.fem.elasticity import STIFFNESS_NAMES
 from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
 from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
-from bulgefit.fem.linear import Factor
+from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.path import Path
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
+from bulgefit.fem.volume_control import Point, at_volume, highest_pressure, volume_of
 
 __all__ = ["TOLERANCE", "trace"]
 
@@ -47,6 +48,19 @@ _ROUGH = 0.1
 _SETTLED = 6
 #: Share of the tolerance that steps aim at, and that no estimate may pass.
 _AIM, _SURE = 0.1, 0.8
+#: A smooth path takes five to fifteen levels (docs/performance.md). One that takes more has kinks,
+#: where cloth that lay loosely draws taut, and where halving a step gains little: after so many
+#: levels none are put in between, and steps are as long as it takes to end within the greater
+#: number. The path's error estimate says what that leaves.
+_MANY, _MOST = 20, 40
+#: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
+_GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
+#: Steps by volume before a branch that still rises is given up.
+_BY_VOLUME = 40
+#: Pressures that are tried one after another where cloth is too loose at the lowest to be found.
+_TAUTER = (10.0, 100.0, 1000.0)
+#: Accuracy of the pressure at which ellipticity is lost, relative in s.
+_BRACKET = 1e-4
 
 
 @dataclass(eq=False)
@@ -74,20 +88,43 @@ class _Estimate:
 class _Tracer:
     """Solved levels in s = p^(1/3), and the work spent on them."""
 
-    def __init__(self, membrane: Membrane, stiffness: Floats, sensitivities: bool) -> None:
+    def __init__(
+        self, membrane: Membrane, stiffness: Floats, sensitivities: bool, *, elliptic: bool
+    ) -> None:
         self.membrane, self.stiffness = membrane, stiffness
         self.sensitivities = sensitivities
+        #: Whether the path ends where the law loses ellipticity.
+        self.elliptic = elliptic
         self.levels: list[_Level] = []
         self.work = 0
         self.wasted = 0
         self.closing_in = False
+        #: Descent is long where it fails, so it is not tried again then.
+        self.descends = True
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
         self.mirrored = membrane.fabric.surface is None
 
-    def solve(self, s: float, guess: Floats, *, follow: bool) -> float:
-        """Balance a level and keep it; returns how far (mm) the guess was off."""
+    def is_elliptic(self, displacement: Floats) -> bool:
+        """Whether the law is elliptic all over a shape."""
+        return self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0
+
+    def is_stable(self, s: float) -> bool:
+        """Whether the tangent of the dense output is positive definite."""
+        state = self.membrane.state(self.interpolate(s), s**3, self.stiffness)
+        self.work += 1
+        try:
+            self.membrane.factorise(state, spent=True)
+        except NotPositiveDefiniteError:
+            return False
+        return True
+
+    def solve(self, s: float, guess: Floats, *, follow: bool, rough: bool = False) -> float:
+        """Balance a level and keep it; returns how far (mm) the guess was off.
+
+        The slope of a level that is not `rough` has to fit the level below.
+        """
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
@@ -96,11 +133,15 @@ class _Tracer:
         except NewtonError as error:
             self.work += error.work
             self.wasted += error.work
-            self.failure = error
+            # a copy: the error itself holds this object by its traceback, in a circle
+            self.failure = NewtonError(
+                error.reason, error.iteration, error.residual_norm, error.work
+            )
             raise
         self.work += balance.factorisations
         slope = slope_in_pressure(self.membrane, balance, self.stiffness)
-        if follow and not self.closing_in and self._is_rough(s, balance.displacement, slope):
+        smooth = follow and not rough and not self.closing_in
+        if smooth and self._is_rough(s, balance.displacement, slope):
             self.wasted += balance.factorisations
             raise NewtonError("the tangent is nearly singular", 0, 0.0, 0)
         sensitivity = (
@@ -206,6 +247,7 @@ def trace(
     tolerance: float = TOLERANCE,
     sensitivities: bool = False,
     parameters: Mapping[str, float] | None = None,
+    beyond_ellipticity: bool = False,
 ) -> Path:
     """Balance the membrane from the lower to the upper pressure.
 
@@ -227,13 +269,16 @@ def trace(
         Also find ∂u/∂D at every level.
     parameters : mapping, optional
         Named in errors; default: the stiffness.
+    beyond_ellipticity : bool
+        Go on where the law has lost ellipticity. Equilibria are many there, and which is found
+        depends on the mesh; a search learns more from them than from a failure.
 
     Raises
     ------
     InputError
         Pressures not 0 < low <= high.
     SolveError
-        No equilibrium, with the pressure that was reached.
+        No equilibrium, with its cause and the pressure that was reached.
     """
     low, high = float(pressure[0]), float(pressure[1])
     if not (0.0 < low <= high < np.inf):
@@ -242,18 +287,20 @@ def trace(
         )
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
     tolerance *= membrane.radius / 100.0
-    soft = stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
+    _check_stiffness(stiffness, low, shown)
+    soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
     spent = 0
     for coarser in _RESTARTS if soft else (1.0,):
-        tracer = _Tracer(membrane, stiffness, sensitivities)
+        tracer = _Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
         tracer.work = spent
         try:
-            tracer.solve(np.cbrt(low), flat_guess(membrane, low, stiffness), follow=False)
-            return _path(tracer, _climb(tracer, np.cbrt(high), coarser * tolerance))
+            _start(tracer, np.cbrt(low), np.cbrt(high))
+            return _path(tracer, _climb(tracer, np.cbrt(high), coarser * tolerance, leap=soft))
         except _StoppedError as stopped:
-            failure = _solve_error(tracer, stopped.error, stopped.s, shown)
+            failure = _solve_error(tracer, stopped, shown)
         except NewtonError as error:
-            raise _solve_error(tracer, error, np.cbrt(low), shown) from error
+            nowhere = _StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
+            raise _solve_error(tracer, nowhere, shown) from error
         spent = tracer.work
     if soft:
         try:
@@ -262,6 +309,75 @@ def trace(
             raise failure from error
         return _path(tracer, np.inf)
     raise failure
+
+
+def _check_stiffness(stiffness: Floats, low: float, shown: Mapping[str, float]) -> None:
+    d11, d22, d12, d33 = stiffness
+    if not (min(d11, d22, d33) > 0.0 and d11 * d22 > d12**2 and np.isfinite(stiffness).all()):
+        raise SolveError(
+            f"no equilibrium: {Cause.INADMISSIBLE.value}", cause=Cause.INADMISSIBLE, pressure=low,
+            reached=0.0, iteration=0, residual_norm=0.0, parameters=shown,
+        )  # fmt: skip
+
+
+def _start(tracer: _Tracer, low: float, high: float) -> None:
+    """Balance the lowest level.
+
+    Uneven or slack cloth lies loosely under a light pressure. Where its shape is not found at once,
+    the shape at a pressure that draws it taut leads down to it.
+    """
+    membrane, stiffness = tracer.membrane, tracer.stiffness
+    try:
+        tracer.solve(low, flat_guess(membrane, low**3, stiffness), follow=False)
+    except NewtonError as error:
+        for factor in _TAUTER:
+            pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
+            if pressures[0] > high**3:
+                break
+            shape = flat_guess(membrane, pressures[0], stiffness)
+            try:
+                for p in pressures[:-1]:
+                    balance = solve(membrane, shape, p, stiffness)
+                    tracer.work += balance.factorisations
+                    shape = balance.displacement
+                tracer.solve(low, shape, follow=False)
+                return
+            except NewtonError as again:
+                tracer.work += again.work
+        raise error
+
+
+def _check_ellipticity(tracer: _Tracer) -> None:
+    """Stop a path that is unstable because the law has lost ellipticity.
+
+    A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
+    is positive definite the shape is that of the mesh's least potential, and the path goes on.
+
+    Raises
+    ------
+    _StoppedError
+        With the pressure at which the path turns unstable, by bisection of the dense output.
+    """
+    levels = tracer.levels
+    if levels[-1].stable or tracer.is_elliptic(levels[-1].displacement):
+        return
+    first = next(k for k, level in enumerate(levels) if not level.stable)
+    if first == 0:
+        raise _lost_at(tracer, levels[0].s, 0.0)
+    low, high = levels[first - 1].s, levels[first].s
+    while high - low > _BRACKET * high:
+        middle = 0.5 * (low + high)
+        if tracer.is_stable(middle):
+            low = middle
+        else:
+            high = middle
+    raise _lost_at(tracer, high, low)
+
+
+def _lost_at(tracer: _Tracer, s: float, reached: float) -> _StoppedError:
+    return _StoppedError(
+        Cause.LOSS_OF_ELLIPTICITY.value, Cause.LOSS_OF_ELLIPTICITY, s, reached, tracer.failure
+    )
 
 
 def _settle(tracer: _Tracer, end: float) -> None:
@@ -277,24 +393,33 @@ def _settle(tracer: _Tracer, end: float) -> None:
 
 
 class _StoppedError(ArithmeticError):
-    """No attempt to go on from the last level converged."""
+    """A path ends at s, for a cause; equilibrium was reached up to another s."""
 
-    def __init__(self, error: NewtonError, s: float) -> None:
-        super().__init__(error.reason)
-        self.error, self.s = error, s
+    def __init__(
+        self, reason: str, cause: Cause, s: float, reached: float, error: NewtonError
+    ) -> None:
+        super().__init__(reason)
+        self.reason, self.cause, self.s, self.reached, self.error = reason, cause, s, reached, error
 
 
-def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
+def _climb(tracer: _Tracer, end: float, tolerance: float, *, leap: bool) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
     smallest = _SMALLEST_STEP * end
     step = _first_step(tracer.membrane, tracer.stiffness)
     while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
         # equal steps to the end rather than a short last one
         step = end - s if s + 1.01 * step >= end else min(step, 0.5 * (end - s) + 0.01 * step)
-        share = _advance(tracer, step, smallest)
-        if tracer.levels[-1].s - s < smallest:
-            raise _StoppedError(tracer.failure, tracer.levels[-1].s + smallest)
-        _refine(tracer, tolerance, _CLOSEST * end)
+        step = max(step, _least_step(tracer, end))
+        if leap:
+            share = _leap(tracer, step, smallest)
+            if tracer.levels[-1].s - s < smallest:
+                raise _given_up(tracer, tracer.failure, tracer.levels[-1].s + smallest)
+        else:
+            share = _advance(tracer, step, end)
+        if tracer.elliptic:
+            _check_ellipticity(tracer)
+        if len(tracer.levels) <= _MANY:
+            _refine(tracer, tolerance, _CLOSEST * end)
         error = tracer.error(len(tracer.levels) - 2, _AIM * tolerance)
         wanted = (_AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s
@@ -306,13 +431,133 @@ def _climb(tracer: _Tracer, end: float, tolerance: float) -> float:
     return max((tracer.error(after, _AIM * tolerance) for after in intervals), default=0.0)
 
 
-def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
+def _least_step(tracer: _Tracer, end: float) -> float:
+    """The length of steps that a path with many levels may not go below."""
+    made = len(tracer.levels)
+    return (end - tracer.levels[-1].s) / max(1, _MOST - made) if made >= _MANY else 0.0
+
+
+def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """Add a level about `step` ahead; returns the share of the step that was made.
 
-    Where the tangent is singular at a point of an otherwise smooth path (soft shear: the law loses
-    ellipticity, see docs/verification.md), another step avoids it or goes on behind it, even
-    beyond the end of the range. Where none does, the path has met its limit pressure, and steps
-    close in on it.
+    Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
+    find there, descent of the potential does. Where steps in pressure fail, the branch is followed
+    by its volume until pressure can be stepped again, or its greatest pressure is passed; cloth
+    that is too loose for that is looked for where it is taut.
+
+    Raises
+    ------
+    _StoppedError
+    """
+    below = tracer.levels[-1]
+    last, descend = below.s, tracer.descends and below.stable and below.wrinkled > 0
+    attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
+    for share, follow in attempts:
+        s = last + share * step
+        try:
+            tracer.solve(s, tracer.predict(s), follow=follow)
+            return share
+        except NewtonError as error:
+            failure = error
+            tracer.descends &= follow
+    try:
+        _go_by_volume(tracer, last + min(_SHORTER) * step, failure)
+    except _StoppedError as stopped:
+        if stopped.cause is not Cause.NOT_CONVERGED or not below.wrinkled:
+            raise
+        if not _draw_taut(tracer, end):
+            raise
+    return (tracer.levels[-1].s - last) / step
+
+
+def _draw_taut(tracer: _Tracer, end: float) -> bool:
+    """Add a level at a pressure that draws loose cloth taut; False where none is found."""
+    low = tracer.levels[-1].s
+    for factor in _TAUTER:
+        s = min(low * float(np.cbrt(factor)), end)
+        try:
+            guess = flat_guess(tracer.membrane, s**3, tracer.stiffness)
+            tracer.solve(s, guess, follow=False)
+            return True
+        except NewtonError:
+            if s == end:
+                break
+    return False
+
+
+def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
+    """Add a level beyond an s, reached by growing volumes.
+
+    Raises
+    ------
+    _StoppedError
+        At the limit pressure, where the law loses ellipticity, or where this does not do either.
+    """
+    membrane, stiffness, last = tracer.membrane, tracer.stiffness, tracer.levels[-1]
+    volume = volume_of(membrane, last.displacement)
+    points = [Point(last.displacement, last.s**3, volume, last.stable, 0)]
+    growth = _GROWTH
+    for _ in range(_BY_VOLUME):
+        here = points[-1]
+        wanted = here.volume + growth * abs(here.volume)
+        try:
+            point = at_volume(membrane, stiffness, _ahead(points, wanted), here.pressure, wanted)
+        except NewtonError as error:
+            tracer.work, tracer.wasted = tracer.work + error.work, tracer.wasted + error.work
+            growth *= 0.5
+            if growth < _LEAST_GROWTH:
+                break
+            continue
+        tracer.work += point.work
+        points.append(point)
+        if point.pressure < here.pressure:
+            raise _limit(tracer, points, failure)
+        if tracer.elliptic and not point.stable and not tracer.is_elliptic(point.displacement):
+            raise _lost_at(tracer, np.cbrt(point.pressure), np.cbrt(here.pressure))
+        s = np.cbrt(point.pressure)
+        if s > beyond:
+            try:
+                tracer.solve(s, point.displacement, follow=True, rough=True)
+                return
+            except NewtonError as error:
+                failure = error
+        growth = min(1.5 * growth, _MOST_GROWTH)
+    raise _given_up(tracer, failure, last.s)
+
+
+def _ahead(points: list[Point], volume: float) -> Floats:
+    """The shape at a volume, on the line through the last two points."""
+    here = points[-1]
+    if len(points) < 2:
+        return here.displacement
+    before = points[-2]
+    share = (volume - here.volume) / (here.volume - before.volume)
+    return here.displacement + share * (here.displacement - before.displacement)
+
+
+def _limit(tracer: _Tracer, points: list[Point], failure: NewtonError) -> _StoppedError:
+    """What ends a path whose last point has more volume under less pressure than the one before."""
+    best = points[-2]
+    if len(points) > 2:
+        three = points[-3], points[-2], points[-1]
+        best, work = highest_pressure(tracer.membrane, tracer.stiffness, three)
+        tracer.work += work
+    s = np.cbrt(best.pressure)
+    return _StoppedError(
+        Cause.LIMIT_PRESSURE.value, Cause.LIMIT_PRESSURE, s * (1.0 + _BRACKET), s, failure
+    )
+
+
+def _given_up(tracer: _Tracer, error: NewtonError, s: float) -> _StoppedError:
+    return _StoppedError(error.reason, error.cause, s, tracer.levels[-1].s, error)
+
+
+def _leap(tracer: _Tracer, step: float, smallest: float) -> float:
+    """Add a level about `step` ahead; returns the share of the step that was made.
+
+    Where the tangent is singular at a point of an otherwise smooth path (soft shear: the law has
+    lost ellipticity, see docs/verification.md), another step avoids it or goes on behind it, even
+    beyond the end of the range. Where none does, steps close in on the point.
 
     Raises
     ------
@@ -329,7 +574,7 @@ def _advance(tracer: _Tracer, step: float, smallest: float) -> float:
             return length / step
         except NewtonError as error:
             if length < smallest or tracer.wasted > _PATIENCE:
-                raise _StoppedError(error, last + length) from error
+                raise _given_up(tracer, error, last + length) from error
     raise AssertionError("the last attempt is shorter than the smallest step")
 
 
@@ -357,17 +602,15 @@ def _refine(tracer: _Tracer, tolerance: float, closest: float) -> None:
 
 
 def _solve_error(
-    tracer: _Tracer, error: NewtonError, s: float, parameters: Mapping[str, float]
+    tracer: _Tracer, stopped: _StoppedError, parameters: Mapping[str, float]
 ) -> SolveError:
-    reason = f"no equilibrium: {error.reason}"
-    if tracer.levels:
-        reason += " (a limit pressure of this material, or compression without relaxation)"
     return SolveError(
-        reason,
-        pressure=float(s**3),
-        reached=float(tracer.levels[-1].s ** 3) if tracer.levels else 0.0,
-        iteration=error.iteration,
-        residual_norm=error.residual_norm,
+        f"no equilibrium: {stopped.reason}",
+        cause=stopped.cause,
+        pressure=float(stopped.s**3),
+        reached=float(stopped.reached**3),
+        iteration=stopped.error.iteration,
+        residual_norm=stopped.error.residual_norm,
         parameters=parameters,
     )
 

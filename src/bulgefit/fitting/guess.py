@@ -34,7 +34,8 @@ def implied_modulus(tests: Sequence[BulgeTest]) -> float | None:
 
     A cap of radius R = (a² + w²)/2w carries N = pR/2 per length and is longer than the flat disc by
     the log strain e = ln(R asin(a/R)/a); N = E t e/(1 - ν) under equal biaxial tension. Within a
-    third of the clamped disc's solution (Beams, 1959, "Mechanical properties of thin films").
+    third of the clamped disc's solution up to strains of some 10 % (Beams, 1959, "Mechanical
+    properties of thin films").
     """
     found = []
     for test in tests:

@@ -23,8 +23,15 @@ GAUSS_NEWTON = "gauss-newton"
 ROUNDINGS = (1e-1, 1e-2, 1e-3)
 #: Reweightings for each of them.
 ITERATIONS = 12
+#: Fall of a likelihood below which it has converged, however large it is: ε moves parameters by
+#: √(2ε) standard errors at most, here by a hundredth.
+LIKELIHOOD_CHANGE = 5e-5
 #: Part of the objective by which two solves of nearly the same material may differ.
 SOLVER_NOISE = 1e-4
+
+#: Steps in a row that lower the objective by less than `Problem.least_fall`, after which a descent
+#: creeps along a valley in which the data tell no place from another.
+CREEPING = 3
 
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
@@ -37,6 +44,7 @@ class Stop(Enum):
     FLAT = "converged: no step lowers the linearised objective"
     SHORT = "converged: steps are below the parameter tolerance"
     RESOLVED = "converged: steps are below what the solver resolves"
+    CREEPING = "converged: steps lower the objective by far less than its own error"
     LIMIT = "evaluation limit reached"
     NO_START = "no equilibrium from this start"
     FAILED = "every evaluation failed"
@@ -199,16 +207,20 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
     current = recorder.evaluate(z, derivatives=True)
     while not np.isfinite(current.value):
         # a start without equilibrium: half way to the stiff end, where there is one
-        z = 0.5 * (z + 1.0)
-        current = recorder.evaluate(z, derivatives=True)
-        if not np.isfinite(current.value) and z.min() > 0.99:
+        stiff = problem.scattered
+        if not len(stiff) or z[stiff].min() > 0.99:
             return Stop.NO_START.because(current.error), False
+        z[stiff] = 0.5 * (z[stiff] + 1.0)
+        current = recorder.evaluate(z, derivatives=True)
     model = _Model(problem, current, z)
-    in_vain = 0
+    in_vain, creeping = 0, 0
     while True:
         step, expected = model.minimise(radius)
         length = float(np.abs(step).max())
-        if expected <= limits.objective_change * current.value:
+        enough = limits.objective_change * current.value
+        if problem.objective.squared:
+            enough = min(enough, LIKELIHOOD_CHANGE)
+        if expected <= enough:
             return Stop.FLAT.value, True
         if length <= limits.parameter_change:
             return Stop.SHORT.value, True
@@ -216,7 +228,11 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         new = recorder.evaluate(trial, derivatives=True)
         ratio = (current.value - recorder.told(new)) / expected
         if ratio > 0.0:
+            slow = current.value - new.value < problem.least_fall(new.value)
+            creeping = creeping + 1 if slow else 0
             z, current, in_vain = trial, new, 0
+            if creeping == CREEPING:
+                return Stop.CREEPING.value, True
             model = _Model(problem, current, z)
         else:
             # promises as small as the solver's own error cannot be kept
@@ -241,7 +257,8 @@ class _Model:
         assert at.slope is not None
         assert at.rows is not None
         self.z, self.value, self.rows = z, at.value, at.rows
-        self.believed, pull = problem.pull(at.value, z)
+        # weighed by what the data leave, not by the priors' own share of the value
+        self.believed, pull = problem.pull(at.rows.value(), z)
         self.linear = at.slope - self.rows.slope() if problem.all_data else pull
         self.base = self.rows.value()
 

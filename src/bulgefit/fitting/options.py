@@ -93,7 +93,7 @@ def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitO
     InputError
         A name that is no option; the nearest one is told.
     """
-    known = {f.name for f in fields(FitOptions)}
+    known = [f.name for f in fields(FitOptions)]
     for name in changes:
         if name not in known:
             near = get_close_matches(name, known, n=1)

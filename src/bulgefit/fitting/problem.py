@@ -291,6 +291,16 @@ class Problem:
         inflation = float(np.mean([n.inflation if n else 1.0 for n in self.objective.noise()]))
         return value * inflation / self.objective.count
 
+    def least_fall(self, value: float) -> float:
+        """A hundredth of the objective's own standard error: less tells no parameter.
+
+        Of a mean of n absolute deviations it is about value/√n; minus the logarithm of a
+        likelihood is known to a half.
+        """
+        if self.objective.squared:
+            return 0.005
+        return 0.01 * value / float(np.sqrt(self.objective.count))
+
     def worst(self) -> float:
         """The objective of a model that does not deform: worse than any that does."""
         if self.objective.is_sampled and not self.all_data:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.noise import Noise, noise_of
+from bulgefit.dic.suspicions import alarms
 from bulgefit.errors import InputError
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
@@ -98,7 +99,7 @@ class Quality:
             parts.append(f"misfit {self.misfit_over_noise:.3g} times the noise")
         parts.append(f"{100 * self.explained_share:.4g} % of the measured displacement explained")
         if self.structured_share is not None:
-            parts.append(f"{100 * self.structured_share:.2g} % of the square misfit is structure")
+            parts.append(f"{100 * self.structured_share:.3g} % of the square misfit is structure")
         parts.append(f"{self.agreeing} of {self.starts} starts agree")
         head = "; ".join(parts)
         if self.mesh_error_mm is not None:
@@ -142,7 +143,14 @@ def quality_of(
         agreeing,
         len(descents),
         words,
-        list(_warnings(problem, z, bounded, explained, descents, errors, noise, agreeing)),
+        [
+            *(
+                Warned(alarm.code, f"{test.name}: {alarm.text}; {alarm.remedy}")
+                for test in objective.tests
+                for alarm in alarms(test)
+            ),
+            *_warnings(problem, z, bounded, explained, descents, errors, noise, agreeing),
+        ],
     )
 
 

@@ -1,9 +1,10 @@
 """The camera's place: where the points are on the fabric, and what is reported of their motion.
 
-Each effect's hook maps displacements at the points, one after the other; what all effects together
-turn and shift the frame by comes last: u_seen = R(X + u) + shift - X, with X where a point stands
-before inflation. The map acts point by point, so its derivative by the displacement is a 3x3
-matrix for each point and frame.
+Each effect's hook maps displacements at the points, one after the other. In the middle stands
+what all effects together turn and shift the frame by: u_seen = R(X + u) + shift - X, with X where
+a point stands before inflation; then come the lens, depth and the axes of the report (`MOTION`).
+The map acts point by point, so its derivative by the displacement is a 3x3 matrix for each point
+and frame.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from bulgefit.effects.places import Scene
+from bulgefit.effects.places import MOTION, Scene
 from bulgefit.model.description import Active
 
 __all__ = ["Places", "place", "scene_of", "see", "see_slope", "window_of"]
@@ -35,7 +36,7 @@ class Places:
     Attributes
     ----------
     position : (n, 2) array, mm
-        In the cameras' frame.
+        In the cameras' frame, where nothing is bent: what the lens sees.
     unit : (n, 2) array
         On the unit disc of the mesh.
     """
@@ -47,11 +48,14 @@ class Places:
 def place(reference: Floats, radius: float, active: Active) -> Places:
     """Find points seen at `reference` (n, 3) mm: undo the cameras, then the clamp's outline."""
     position, centre = reference[:, :2], np.zeros(2)
-    for effect, own in reversed(active):
-        if effect.uses("locate"):
-            position = effect.locate(own, position, radius)
+    before = [(e, own) for e, own in active if e.order <= MOTION]
+    for effect, own in reversed([(e, own) for e, own in active if e.order > MOTION]):
+        position = effect.locate(own, position, radius)
+    on_fabric = position
+    for effect, own in reversed(before):
+        on_fabric = effect.locate(own, on_fabric, radius)
         centre = centre + effect.centre(own)
-    target = (position - centre) / radius
+    target = (on_fabric - centre) / radius
     outlines = [(effect, own) for effect, own in active if effect.uses("outline")]
     unit = target
     for _ in range(_CORRECTIONS if outlines else 0):
@@ -82,11 +86,11 @@ def scene_of(
     pressure : (frames,) array, MPa
         Applied.
     """
-    standing = reference
+    standing = np.column_stack([places.position, reference[:, 2]])
     bent = [(effect, own) for effect, own in active if effect.uses("height")]
     if bent and not reference[:, 2].any():
         height = sum((e.height(own, places.unit) for e, own in bent), np.zeros(len(reference)))
-        standing = np.column_stack([reference[:, :2], height])
+        standing = np.column_stack([places.position, height])
     scene = Scene(reference, places.position, standing, pressure, radius)
     turn, shift = np.zeros((2, len(pressure), 3))
     for effect, own in active:
@@ -100,13 +104,16 @@ def see(scene: Scene, active: Active, moved: Floats) -> Floats:
     """Displacements (frames, n, 3) mm as reported, of displacements `moved` of the fabric."""
     out = moved
     for effect, own in active:
-        if effect.uses("see"):
+        if effect.uses("see") and effect.order <= MOTION:
             out = effect.see(own, scene, out)
     if scene.turn.any():
         turn = Rotation.from_rotvec(scene.turn, degrees=True).as_matrix()
         out = np.matmul(scene.standing + out, turn.swapaxes(1, 2)) - scene.standing
     if scene.shift.any():
         out = out + scene.shift[:, None]
+    for effect, own in active:
+        if effect.uses("see") and effect.order > MOTION:
+            out = effect.see(own, scene, out)
     return out
 
 

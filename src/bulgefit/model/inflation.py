@@ -158,6 +158,7 @@ class Inflation:
             tolerance=self.setup.tolerance,
             sensitivities=sensitivities,
             parameters=values,
+            beyond_ellipticity=True,
         )
         self._path = key, path
         return path
@@ -275,6 +276,7 @@ class Inflation:
             (min(low, 0.5 * high), high),
             tolerance=0.05,
             parameters=values,
+            beyond_ellipticity=True,
         )
         low, high = path.pressure[0], path.pressure[-1]
         guess = np.array([path(min(max(p, low), high))[0] for p in pressure])

@@ -261,6 +261,7 @@ def _balanced(
         (min(_LOWEST, loads.min()), loads.max()),
         tolerance=tolerance,
         parameters=made.values,
+        beyond_ellipticity=True,
     )
     displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
     if len(loads) > BALANCED_UP_TO:

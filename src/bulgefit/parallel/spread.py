@@ -18,16 +18,23 @@ from concurrent.futures import (
     Future,
     wait,
 )
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 from bulgefit.errors import BulgefitError
 from bulgefit.parallel.cluster import client_of, is_there
 from bulgefit.parallel.parcels import sent
 
-__all__ = ["spread"]
+__all__ = ["counted", "spread"]
 
 #: Seconds without a result after which a scheduler is asked whether it is still there.
 SILENCE = 3.0
+
+#: Told of every `spread` that this thread calls how much of it is done.
+_counter: ContextVar[Callable[[int, int], None]] = ContextVar(
+    "counter", default=lambda done, total: None
+)
 
 #: Rounds after which work that is lost again and again is given up.
 ROUNDS = 3
@@ -60,12 +67,15 @@ def spread(
         Work was lost with its processes, and could not be done again.
     """
     left, found = dict(enumerate(items)), dict[int, Any]()
+    count = _counter.get()
+    count(0, len(items))
     for _ in range(ROUNDS):
         with sent(executor, shared) as handles:
             for index, result in _results(executor, task, handles, left):
                 found[index] = result
                 del left[index]
                 done(index, result)
+                count(len(found), len(items))
         if not left:
             return [found[index] for index in range(len(items))]
         _renew(executor)
@@ -73,6 +83,19 @@ def spread(
         f"{len(left)} of {len(items)} tasks were lost {ROUNDS} times with the processes that did "
         "them, which may lack memory: use fewer workers, or larger machines"
     )
+
+
+@contextmanager
+def counted(counter: Callable[[int, int], None]) -> Iterator[None]:
+    """Let `counter` be told of each `spread` in the block: how many items are done, of how many.
+
+    First of none; the calls that tasks themselves make in other threads are their own affair.
+    """
+    token = _counter.set(counter)
+    try:
+        yield
+    finally:
+        _counter.reset(token)
 
 
 def _results(

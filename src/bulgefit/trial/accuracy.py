@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bulgefit.trial.right import SILENT, Record, is_right
+from bulgefit.trial.known import SILENT
+from bulgefit.trial.right import Record, is_right
 from bulgefit.trial.shares import share
 
 __all__ = ["judge_law", "moduli_errors", "parameter_errors", "summary"]

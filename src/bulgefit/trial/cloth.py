@@ -12,7 +12,7 @@ from bulgefit.fem.geometry import SHAPE, ReferenceSurface
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.trial.draw import Draw
-from bulgefit.trial.rim import angles
+from bulgefit.trial.rim import degrees_apart
 
 __all__ = ["evenness", "law_of", "stiffness", "turn_ply"]
 
@@ -67,7 +67,7 @@ def _sewn(drawn: Draw, at: Floats) -> Floats:
 def _stitched(drawn: Draw, at: Floats) -> Floats:
     """A stitched sector: factors at points (..., 2) of the unit disc."""
     degrees = np.rad2deg(np.arctan2(at[..., 1], at[..., 0]))
-    away = angles(degrees, drawn.get("stitched_sector.middle"))
+    away = degrees_apart(degrees, drawn.get("stitched_sector.middle"))
     half = drawn.get("stitched_sector.half_width", 1.0)
     share = np.cos(0.5 * np.pi * np.minimum(away / half, 1.0)) ** 2 * (at**2).sum(axis=-1)
     return 1.0 + drawn.get("stitched_sector.rise") * share

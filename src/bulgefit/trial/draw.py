@@ -7,7 +7,7 @@ from the model that diagnoses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -15,7 +15,7 @@ from numpy.random import Generator
 from bulgefit.errors import InputError
 from bulgefit.trial.dice import size
 from bulgefit.trial.foreign import FOREIGN
-from bulgefit.trial.known import FORMS, KNOWN, NEARLY_SILENT, NOT_TOGETHER
+from bulgefit.trial.known import FORMS, KNOWN, NOT_TOGETHER, SILENT
 
 __all__ = [
     "COUNTS",
@@ -27,6 +27,7 @@ __all__ = [
     "draw",
     "draw_moduli",
     "draw_sizes",
+    "enlarged",
     "firmer",
     "kind_of",
     "only",
@@ -88,12 +89,16 @@ class Draw:
         Of `reference_state`.
     moduli : dict of str to float, MPa
         E1, E2, G12.
+    shares : dict of str to float
+        Size of each effect over what was drawn for it before it was made smaller; 1 if it is not
+        here.
     """
 
     effects: tuple[str, ...]
     parameters: dict[str, float]
     waves: tuple[Wave, ...]
     moduli: dict[str, float]
+    shares: dict[str, float] = field(default_factory=dict)
 
     def get(self, name: str, null: float = 0.0) -> float:
         """A parameter, or its null."""
@@ -136,9 +141,8 @@ def draw(kind: str, rng: Generator, shrink: float = 1.0) -> Draw:
     """
     if kind not in KINDS:
         raise InputError(f"effects: {kind!r} is unknown; choose from {', '.join(KINDS)}")
-    effects = _effects(kind, rng)
-    parameters, waves = draw_sizes(effects, rng, shrink, form=kind)
-    return Draw(effects, parameters, waves, draw_moduli(rng))
+    drawn = draw_sizes(_effects(kind, rng), rng, shrink, form=kind)
+    return replace(drawn, moduli=draw_moduli(rng))
 
 
 def draw_moduli(rng: Generator) -> dict[str, float]:
@@ -150,16 +154,15 @@ def draw_moduli(rng: Generator) -> dict[str, float]:
     }
 
 
-def draw_sizes(
-    effects: Sequence[str], rng: Generator, shrink: float = 1.0, form: str = ""
-) -> tuple[dict[str, float], tuple[Wave, ...]]:
-    """Parameters of effects, and the waves of a reference state; `form` may be one of `FORMS`."""
+def draw_sizes(effects: Sequence[str], rng: Generator, shrink: float = 1.0, form: str = "") -> Draw:
+    """Effects of drawn sizes on a fabric without moduli yet; `form` may be one of `FORMS`."""
     parameters: dict[str, float] = {}
+    shares: dict[str, float] = {}
     waves: tuple[Wave, ...] = ()
     for effect in effects:
         foreign = effect in FOREIGN
         least = min(shrink, _FOREIGN_SHRINK) if foreign else shrink
-        smaller = 1.0 / size(rng, 1.0, least)
+        smaller = shares[effect] = 1.0 / size(rng, 1.0, least)
         usual = FOREIGN[effect].sizes if foreign else KNOWN[effect]
         sizes = FORMS[form][1] if form in FORMS else usual
         parameters |= {
@@ -169,7 +172,23 @@ def draw_sizes(
             waves = _waves(rng, smaller)
             if form == "creases":
                 waves += _waves(rng, 0.5 * smaller, _CREASES)
-    return parameters, waves
+    return Draw(tuple(effects), parameters, waves, {}, shares)
+
+
+def enlarged(drawn: Draw, effect: str, by: float) -> Draw:
+    """The same with one effect larger by this factor, but no larger than it was drawn at first."""
+    full = 1.0 / drawn.shares.get(effect, 1.0)
+    factor = min(by, full)
+    sizes = {
+        key: _shrunk(effect, name, value, factor)
+        for key, value in drawn.parameters.items()
+        if (name := key.removeprefix(f"{effect}.")) != key
+    }
+    waves = drawn.waves
+    if effect == "reference_state":
+        waves = tuple(replace(wave, amplitude=factor * wave.amplitude) for wave in waves)
+    shares = {**drawn.shares, effect: factor / full}
+    return replace(drawn, parameters={**drawn.parameters, **sizes}, waves=waves, shares=shares)
 
 
 def firmer(drawn: Draw, rng: Generator) -> Draw:
@@ -182,7 +201,8 @@ def only(drawn: Draw, effects: Sequence[str]) -> Draw:
     """The same fabric with these of its effects alone."""
     kept = {k: v for k, v in drawn.parameters.items() if k.split(".")[0] in effects}
     waves = drawn.waves if "reference_state" in effects else ()
-    return Draw(tuple(effects), kept, waves, drawn.moduli)
+    shares = {e: share for e, share in drawn.shares.items() if e in effects}
+    return Draw(tuple(effects), kept, waves, drawn.moduli, shares)
 
 
 def without(drawn: Draw) -> Draw:
@@ -205,7 +225,7 @@ def _effects(kind: str, rng: Generator) -> tuple[str, ...]:
 
 def chosen_together(number: int, rng: Generator) -> tuple[str, ...]:
     """So many effects of the catalogue that some test can tell apart."""
-    names = [n for n in KNOWN if n not in NEARLY_SILENT]
+    names = [n for n in KNOWN if n not in SILENT]
     while True:
         picked = rng.choice(len(names), size=number, replace=False)
         effects = tuple(names[int(i)] for i in picked)

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
-from bulgefit.trial.fabric import UnstableDrawError
-from bulgefit.trial.make import TRIES, noise_size, truth_of
+from bulgefit.trial.make import audible, noise_size, truth_of, until_stable
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_each
 
@@ -61,7 +60,7 @@ class Family:
     truth : dict
         `kind` (family), `effects` (of the cloth and of any specimen), `moduli` (MPa, the
         cloth's), `scatter`, `law` (`strain`, `warp_N_per_mm`, `fill_N_per_mm`), `specimens` (as
-        `make.Made` tells a test, with `name` and `factors`) and `nonce`.
+        `make.Made` tells a test, with `name` and `factors`), `interpolated` and `nonce`.
     """
 
     tests: tuple[BulgeTest, ...]
@@ -80,32 +79,28 @@ def make_family(
     """
     recipe = recipe or Recipe()
     rng = default_rng(seed)
-    cloth = _cloth(rng, recipe.shrink)
+    cloth = _cloth(rng)
     factors = _factors(cloth.scatter, rng)
     drawn = [_specimen(cloth, pair, rng, recipe.shrink) for pair in factors]
-    settings = [place(one, rng, recipe) for one in drawn]
     with one_blas_thread():
-        for _ in range(TRIES):
-            try:
-                seen = [
-                    noise_free(one, setting, recipe.fineness)
-                    for one, setting in zip(drawn, settings, strict=True)
-                ]
-                each = [of_each(*pair) for pair in zip(drawn, settings, strict=True)]
-                break
-            except UnstableDrawError:
-                drawn = _firmer(drawn, rng)
-        else:
-            raise UnstableDrawError("made family: no stable fabric was drawn; try another seed")
+        if recipe.audible:
+            drawn = [audible(one, rng.spawn(1)[0], recipe) for one in drawn]
+        settings = [place(one, rng, recipe) for one in drawn]
+
+        def look(all_of_them: list[Draw]) -> list[tuple[Floats, Floats, dict[str, Any]]]:
+            pairs = zip(all_of_them, settings, strict=True)
+            return [(*noise_free(*pair, recipe.fineness), of_each(*pair)) for pair in pairs]
+
+        drawn, looks = until_stable(drawn, rng, look, _firmer)
         tests, specimens = [], []
-        for number, (one, setting) in enumerate(zip(drawn, settings, strict=True), start=1):
-            size, timed = noise_size(rng), has_clock(one, rng)
-            told = f"{name}_{number}"
-            test = record(setting, *seen[number - 1], size, rng, told, recipe, timed=timed)
+        parts = zip(drawn, settings, looks, factors, strict=True)
+        for number, (one, setting, (height, seen, each), pair) in enumerate(parts, start=1):
+            told, size, timed = f"{name}_{number}", noise_size(rng), has_clock(one, rng)
+            test = record(setting, height, seen, size, rng, told, recipe, timed=timed)
             tests.append(test)
-            factor = dict(zip(("warp", "fill"), factors[number - 1].tolist(), strict=True))
-            signatures = {"noise_mm": size, "signatures": each[number - 1]}
-            specimens.append({"name": told, "factors": factor, **truth_of(one), **signatures})
+            factor = {"warp": float(pair[0]), "fill": float(pair[1])}
+            more = {"name": told, "factors": factor, "noise_mm": size, "signatures": each}
+            specimens.append({**truth_of(one), **more})
     moduli = {**cloth.moduli, "G12": drawn[0].moduli["G12"]}
     truth = {
         "kind": "family",
@@ -114,6 +109,7 @@ def make_family(
         "scatter": cloth.scatter,
         "law": law_table(moduli, cloth.law, tests[0].thickness),
         "specimens": specimens,
+        "interpolated": recipe.interpolated,
         "nonce": rng.bytes(16).hex(),
     }
     return Family(tuple(tests), truth)
@@ -136,10 +132,10 @@ def law_table(
     return told
 
 
-def _cloth(rng: Generator, shrink: float) -> Cloth:
+def _cloth(rng: Generator) -> Cloth:
     moduli, scatter = draw_moduli(rng), float(rng.uniform(0.05, 0.10))
-    law = draw_sizes(("nonlinear_material",), rng, shrink)[0] if rng.random() < 0.5 else {}
-    return Cloth(moduli, law, scatter)
+    curved = ("nonlinear_material",) if rng.random() < 0.5 else ()
+    return Cloth(moduli, draw_sizes(curved, rng).parameters, scatter)
 
 
 def _factors(scatter: float, rng: Generator) -> Floats:
@@ -155,14 +151,16 @@ def _factors(scatter: float, rng: Generator) -> Floats:
 
 def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float) -> Draw:
     own = "initial_shape", "prestrain", _MOTIONS[int(rng.integers(len(_MOTIONS)))]
-    parameters, waves = draw_sizes(own, rng, shrink)
+    drawn = draw_sizes(own, rng, shrink)
     moduli = {
         "E1": cloth.moduli["E1"] * float(factors[0]),
         "E2": cloth.moduli["E2"] * float(factors[1]),
         "G12": cloth.moduli["G12"],
     }
     shared = ("nonlinear_material",) if cloth.law else ()
-    return Draw((*shared, *own), {**cloth.law, **parameters}, waves, moduli)
+    # the law has no share: it is the cloth's, and no specimen's own to enlarge
+    parameters = {**cloth.law, **drawn.parameters}
+    return replace(drawn, effects=(*shared, *own), parameters=parameters, moduli=moduli)
 
 
 def _firmer(drawn: list[Draw], rng: Generator) -> list[Draw]:

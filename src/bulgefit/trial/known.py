@@ -9,15 +9,16 @@ from numpy.random import Generator
 
 from bulgefit.trial.dice import Sizes, either, motion, plane, size, vector
 
-__all__ = ["FORMS", "KNOWN", "NEARLY_SILENT", "NOT_TOGETHER"]
+__all__ = ["FORMS", "KNOWN", "NOT_TOGETHER", "SILENT"]
 
 #: Pairs that no test tells apart: never drawn together.
 NOT_TOGETHER = (
     {"clamp_shape", "dic_scale"},
     {"rigid_motion", "reference_state"},
 )
-#: Effects that hide behind the moduli: never drawn beside others.
-NEARLY_SILENT = ("pressure_gain", "poisson_ratio")
+#: Effects that no test, or next to none, can show beside the moduli: never drawn beside others, and
+#: silence about them is right.
+SILENT = ("pressure_gain", "poisson_ratio")
 
 
 def _initial_shape(rng: Generator) -> dict[str, float]:
@@ -69,7 +70,7 @@ KNOWN: dict[str, Sizes] = {
     # a position p in the plane, from the axis, is seen at p (1 + k1 |p|²/a²)
     "lens_distortion": lambda rng: {"k1": either(rng, 0.004, 0.015)},
     # heights are seen × (1 + scale_z)
-    "depth_scale": lambda rng: {"scale_z": either(rng, 0.003, 0.015)},
+    "depth_scale": lambda rng: {"scale_z": either(rng, 0.005, 0.02)},
     # rim radius a (1 + c3 cos 3φ + s3 sin 3φ)
     "clamp_lobes": lambda rng: plane(rng, ("c3", "s3"), 0.004, 0.015),
     # the axes of the reported displacement are turned: u_seen = R u

@@ -8,23 +8,33 @@ membrane's own law and equilibrium.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
-from bulgefit.trial.draw import Draw, draw, firmer, kind_of
+from bulgefit.trial.draw import Draw, draw, enlarged, firmer, kind_of
 from bulgefit.trial.fabric import UnstableDrawError
 from bulgefit.trial.foreign import FOREIGN
+from bulgefit.trial.known import SILENT
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_all, of_each
 
-__all__ = ["TRIES", "Made", "Recipe", "make_test", "noise_size", "truth_of"]
+__all__ = ["Made", "Recipe", "audible", "make_test", "noise_size", "truth_of", "until_stable"]
+
+Floats = NDArray[np.float64]
+Drawn = TypeVar("Drawn")
+Seen = TypeVar("Seen")
 
 #: Draws of a firmer fabric before giving up.
-TRIES = 12
+_TRIES = 12
+#: Standard deviations of the noise, mm.
+_IN_PLANE, _OUT_OF_PLANE = (5e-3, 9e-3), (10e-3, 18e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +80,17 @@ def make_test(
     recipe = recipe or Recipe()
     rng = default_rng(seed)
     drawn = draw(kind, rng, recipe.shrink)
-    setting = place(drawn, rng, recipe)
     with one_blas_thread():
-        for _ in range(TRIES):
-            try:
-                height, seen = noise_free(drawn, setting, recipe.fineness)
-                signature = of_all(drawn, setting, seen, recipe.fineness)
-                each = of_each(drawn, setting)
-                break
-            except UnstableDrawError:
-                drawn = firmer(drawn, rng)
-        else:
-            raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+        if recipe.audible:
+            drawn = audible(drawn, rng.spawn(1)[0], recipe)
+        setting = place(drawn, rng, recipe)
+
+        def look(one: Draw) -> tuple[Floats, Floats, dict[str, Any]]:
+            height, seen = noise_free(one, setting, recipe.fineness)
+            whole = of_all(one, setting, seen, recipe.fineness)
+            return height, seen, {**whole, "signatures": of_each(one, setting)}
+
+        drawn, (height, seen, signature) = until_stable(drawn, rng, look, firmer)
         size = noise_size(rng)
         timed = has_clock(drawn, rng)
         test = record(setting, height, seen, size, rng, name, recipe, timed=timed)
@@ -90,15 +99,54 @@ def make_test(
         "noise_mm": size,
         "interpolated": recipe.interpolated,
         **signature,
-        "signatures": each,
         "nonce": rng.bytes(16).hex(),
     }
     return Made(test, truth)
 
 
+def until_stable(
+    drawn: Drawn,
+    rng: Generator,
+    look: Callable[[Drawn], Seen],
+    firm: Callable[[Drawn, Generator], Drawn],
+) -> tuple[Drawn, Seen]:
+    """What was drawn, made firmer until it has a stable shape at every pressure, and its look.
+
+    Raises
+    ------
+    UnstableDrawError
+        It has none even then.
+    """
+    for _ in range(_TRIES):
+        try:
+            return drawn, look(drawn)
+        except UnstableDrawError:
+            drawn = firm(drawn, rng)
+    raise UnstableDrawError("made test: no stable fabric was drawn; try another seed")
+
+
+def audible(drawn: Draw, rng: Generator, recipe: Recipe) -> Draw:
+    """The same with every cause as large as the noise, or as large as it was drawn at first.
+
+    Its size is what moduli and other causes cannot imitate of it, and of `SILENT` effects they
+    imitate all. A cause is taken to grow in proportion to its parameters.
+
+    Raises
+    ------
+    UnstableDrawError
+    """
+    setting = place(drawn, rng, recipe)
+    _, each = until_stable(drawn, rng, lambda one: of_each(one, setting), firmer)
+    loudest = float(np.sqrt(2 * _IN_PLANE[1] ** 2 + _OUT_OF_PLANE[1] ** 2))
+    for effect, worth in each.items():
+        if effect not in SILENT and worth["signature_left_mm"] < loudest:
+            drawn = enlarged(drawn, effect, loudest / worth["signature_left_mm"])
+    return drawn
+
+
 def noise_size(rng: Generator) -> tuple[float, float]:
     """Standard deviations of the noise in plane and out of plane, mm."""
-    return float(rng.uniform(5e-3, 9e-3)), float(rng.uniform(10e-3, 18e-3))
+    return float(rng.uniform(*_IN_PLANE)), float(rng.uniform(*_OUT_OF_PLANE))
 
 
 def truth_of(drawn: Draw) -> dict[str, Any]:

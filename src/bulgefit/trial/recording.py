@@ -39,6 +39,8 @@ class Recipe:
         Of the mesh, a multiple of 8 (`hexagon.hexagon`).
     shrink : float
         Sizes of effects are divided by up to this.
+    audible : bool
+        A cause that would be lost in the noise is enlarged, up to what was drawn at first.
     static, heights : bool, optional
         Whether images at rest, and heights before inflation, are kept; default: half of the time
         each.
@@ -50,6 +52,7 @@ class Recipe:
     spacing: float = 4.6
     fineness: int = FINENESS
     shrink: float = 1.0
+    audible: bool = False
     static: bool | None = None
     heights: bool | None = None
     interpolated: bool = False

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+from bulgefit.trial.known import SILENT
+
 __all__ = [
     "SAME_AS",
-    "SILENT",
     "SURE",
     "Record",
     "false_causes",
@@ -29,10 +30,6 @@ __all__ = [
 ]
 
 Record = Mapping[str, Any]
-Answer = Mapping[str, Any]
-
-#: Effects that no test, or next to none, can show beside the moduli: silence about them is right.
-SILENT = ("pressure_gain", "poisson_ratio")
 
 #: What may stand for an effect that is struck from the catalogue, since data of this kind cannot
 #: tell them apart or one is nearly a special case of the other.
@@ -60,44 +57,47 @@ def is_right(record: Record) -> bool:
     alone. An effect that was struck must be answered `unknown`, or by one that is known to be
     indistinguishable from it.
     """
-    truth, answer = record["truth"], record["answer"]
-    verdict = answer.get("verdict")
+    truth, verdict = record["truth"], record["answer"].get("verdict")
     loud = [e for e in _catalogued(truth) if e not in SILENT]
     if truth["kind"] == "foreign":
-        return verdict in _OPEN and _all_found(loud, answer) and not false_causes(record)
+        return verdict in _OPEN and {*loud} <= found_effects(record) and not false_causes(record)
     if not loud and verdict == "none":
         return True
     struck = [e for e in truth["effects"] if e in record["struck"]]
     if struck:
         others = [same for e in struck for same in SAME_AS.get(e, ())]
-        return bool(verdict == "unknown" or (others and _named(others, others, answer)))
-    return _named(loud, truth["effects"], answer)
+        return bool(verdict == "unknown" or (others and _named(others, others, record)))
+    return _named(loud, truth["effects"], record)
 
 
-def _named(needed: Sequence[str], allowed: Sequence[str], answer: Answer) -> bool:
+def _named(needed: Sequence[str], allowed: Sequence[str], record: Record) -> bool:
     """Whether everything is named that must be, and nothing that may not."""
-    causes = sure_causes(answer)
     return (
-        answer.get("verdict") in ("named", "ambiguous")
-        and bool(causes)
-        and _all_found(needed, answer)
-        and not _unmatched(allowed, causes)
+        record["answer"].get("verdict") in ("named", "ambiguous")
+        and bool(sure_causes(record))
+        and {*needed} <= _found(needed, record)
+        and not _unmatched(allowed, record)
     )
 
 
-def _all_found(effects: Sequence[str], answer: Answer) -> bool:
-    return len(_found(effects, sure_causes(answer))) == len(effects)
-
-
-def sure_causes(answer: Answer) -> list[Mapping[str, Any]]:
+def sure_causes(record: Record) -> list[Mapping[str, Any]]:
     """Causes that are said to be there, each set of effects once.
 
-    Specimens of a family have causes of their own, which count as one.
+    Specimens of a family have causes of their own, which count as one where they are right.
     """
+    answer = record["answer"]
     if answer.get("verdict") not in _MEANT:
         return []
     sure = [cause for cause in answer.get("causes", ()) if is_sure(cause)]
-    return list({frozenset(names_of(c)): c for c in sure}.values())
+    return list({(frozenset(names_of(c)), _at_another(record, c)): c for c in sure}.values())
+
+
+def _at_another(record: Record, cause: Mapping[str, Any]) -> bool:
+    """Whether a cause is said of a specimen of a family that does not have it."""
+    return any(
+        cause.get("specimen") == specimen["name"] and not names_of(cause) & {*specimen["effects"]}
+        for specimen in record["truth"].get("specimens", ())
+    )
 
 
 def is_sure(told: Mapping[str, Any]) -> bool:
@@ -113,12 +113,12 @@ def names_of(cause: Mapping[str, Any]) -> set[str]:
 
 def found_effects(record: Record) -> set[str]:
     """Effects of the catalogue that have a sure cause of their own, alone or in a set of two."""
-    return _found(_catalogued(record["truth"]), sure_causes(record["answer"]))
+    return _found(_catalogued(record["truth"]), record)
 
 
 def false_causes(record: Record) -> list[Mapping[str, Any]]:
     """Sure causes that are not there, but for those that stand in for a foreign effect."""
-    left = _unmatched(record["truth"]["effects"], sure_causes(record["answer"]))
+    left = _unmatched(record["truth"]["effects"], record)
     return [cause for cause in left if not _at_a_foreign_place(record, cause)]
 
 
@@ -128,7 +128,7 @@ def standing_in(record: Record) -> list[Mapping[str, Any]]:
     A place's catalogue effects are directions of what may be wrong there; a foreign effect has a
     part along them.
     """
-    left = _unmatched(record["truth"]["effects"], sure_causes(record["answer"]))
+    left = _unmatched(record["truth"]["effects"], record)
     return [cause for cause in left if _at_a_foreign_place(record, cause)]
 
 
@@ -142,23 +142,25 @@ def _catalogued(truth: Mapping[str, Any]) -> list[str]:
     return [effect for effect in truth["effects"] if effect not in strangers]
 
 
-def _found(effects: Sequence[str], causes: Sequence[Mapping[str, Any]]) -> set[str]:
-    small = [cause for cause in causes if len(names_of(cause)) <= LARGEST_SET]
-    matched = _matching(effects, small)
+def _found(effects: Sequence[str], record: Record) -> set[str]:
+    small = [cause for cause in sure_causes(record) if len(names_of(cause)) <= LARGEST_SET]
+    matched = _matching(effects, small, record)
     return {effect for effect, match in zip(effects, matched, strict=True) if match >= 0}
 
 
-def _unmatched(
-    effects: Sequence[str], causes: Sequence[Mapping[str, Any]]
-) -> list[Mapping[str, Any]]:
-    """Causes that are no true effect's own."""
-    taken = {*_matching(effects, causes)}
+def _unmatched(effects: Sequence[str], record: Record) -> list[Mapping[str, Any]]:
+    """Sure causes that are no true effect's own."""
+    causes = sure_causes(record)
+    taken = {*_matching(effects, causes, record)}
     return [cause for number, cause in enumerate(causes) if number not in taken]
 
 
-def _matching(effects: Sequence[str], causes: Sequence[Mapping[str, Any]]) -> list[int]:
+def _matching(
+    effects: Sequence[str], causes: Sequence[Mapping[str, Any]], record: Record
+) -> list[int]:
     """Number of the cause that is meant for each effect, -1 for none: as many as can be."""
     if not effects or not causes:
         return [-1] * len(effects)
-    fits = np.array([[effect in names_of(cause) for cause in causes] for effect in effects])
+    meant = [set() if _at_another(record, cause) else names_of(cause) for cause in causes]
+    fits = np.array([[effect in names for names in meant] for effect in effects])
     return [int(i) for i in maximum_bipartite_matching(csr_array(fits), perm_type="column")]

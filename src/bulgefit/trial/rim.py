@@ -11,7 +11,7 @@ from bulgefit.fem.clamp import LEAST_COMPLIANCE, Clamp
 from bulgefit.trial.draw import Draw
 from bulgefit.trial.gauge import true_load
 
-__all__ = ["Course", "angles", "course_of", "decades", "lift", "positions", "soften_sector"]
+__all__ = ["Course", "course_of", "decades", "degrees_apart", "lift", "positions", "soften_sector"]
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def lift(drawn: Draw, unit: Floats) -> Floats:
     return np.maximum(0.0, unit @ [np.cos(turn), np.sin(turn)])
 
 
-def angles(degrees: Floats, middle: float) -> Floats:
+def degrees_apart(degrees: Floats, middle: float) -> Floats:
     """Degrees between directions and a middle one, 0 to 180."""
     return np.abs((degrees - middle + 180.0) % 360.0 - 180.0)
 
@@ -94,7 +94,7 @@ def angles(degrees: Floats, middle: float) -> Floats:
 def soften_sector(clamp: Clamp, drawn: Draw, even: float) -> None:
     """Add a sector's compliance to the springs of a rim whose own is `even` (mm per N/mm)."""
     degrees = np.rad2deg(np.arctan2(clamp.radial[:, 1], clamp.radial[:, 0]))
-    away = angles(degrees, drawn.get("slipping_sector.middle"))
+    away = degrees_apart(degrees, drawn.get("slipping_sector.middle"))
     half = drawn.get("slipping_sector.half_width")
     share = np.cos(0.5 * np.pi * np.minimum(away / half, 1.0)) ** 2
     before = max(even, LEAST_COMPLIANCE)

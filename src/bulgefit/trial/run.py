@@ -77,7 +77,8 @@ def run_trial(
     workers : int
         Processes.
     recipe : Recipe, optional
-        How large the tests are; in a trial of all kinds a few have interpolated frames.
+        How large the tests are; in a trial of all kinds no cause is lost in the noise, and a few
+        tests have interpolated frames.
     options : mapping, optional
         Of the diagnosis.
     diagnose : callable
@@ -111,10 +112,9 @@ def run_trial(
         "shrink": recipe.shrink,
     }
     atomic_write_text(folder / "trial.json", json.dumps(asked, indent=2) + "\n")
-    mixed = set() if kinds else interpolated(number, seed)
     jobs = [
-        (str(folder), i, kind, seed, replace(recipe, interpolated=i in mixed))
-        for i, kind in enumerate(chosen)
+        (str(folder), i, chosen[i], seed, one)
+        for i, one in enumerate(_recipes(recipe, number, seed, whole=not kinds))
     ]
     with _pool(makers, workers) as pool:
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
@@ -124,6 +124,14 @@ def run_trial(
     with _pool(executor, workers) as pool:
         answers = _answers(pool, folder, asked_of, dict(options or {}), diagnose, say)
     return _scored(folder, asked, seals, answers, time.perf_counter() - start)
+
+
+def _recipes(recipe: Recipe, number: int, seed: int, *, whole: bool) -> list[Recipe]:
+    """The recipe of each test: in a trial of all kinds, audible, and a few interpolated."""
+    if not whole:
+        return [recipe] * number
+    mixed = interpolated(number, seed)
+    return [replace(recipe, audible=True, interpolated=i in mixed) for i in range(number)]
 
 
 def score_folder(output: str | Path) -> dict[str, Any]:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bulgefit.trial.accuracy import judge_law, moduli_errors, parameter_errors, summary
+from bulgefit.trial.known import SILENT
 from bulgefit.trial.places import false_fields, judge_place
 from bulgefit.trial.reliability import reliability, stated_causes, stated_fields
 from bulgefit.trial.right import (
-    SILENT,
     Record,
     false_causes,
     found_effects,
@@ -111,7 +111,7 @@ def _causes(records: Sequence[Record]) -> dict[str, Any]:
                 by_effect.setdefault(effect, []).append(effect in found)
     sure, false, standing = (
         sum(len(count(record)) for record in records)
-        for count in (lambda r: sure_causes(r["answer"]), false_causes, standing_in)
+        for count in (sure_causes, false_causes, standing_in)
     )
     return {
         "found": share(hit for hits in by_effect.values() for hit in hits),

@@ -8,7 +8,8 @@ from math import inf, isfinite
 from statistics import median
 from typing import Any
 
-from bulgefit.trial.right import SILENT, Record, found_effects
+from bulgefit.trial.known import SILENT
+from bulgefit.trial.right import Record, found_effects
 from bulgefit.trial.shares import share
 
 __all__ = ["by_size", "detectable", "heldout"]
@@ -22,7 +23,8 @@ BANDS = (0.0, 0.3, 1.0, 3.0, 10.0, inf)
 def by_size(records: Sequence[Record]) -> list[dict[str, Any]]:
     """Causes found, by what they change beyond moduli and other causes, over the noise.
 
-    Both are rms over points and frames, of the three components together.
+    Both are rms over points and frames, of the three components together. Families are left out:
+    each specimen has sizes of its own.
     """
     sizes = list(_sizes(records))
     return [

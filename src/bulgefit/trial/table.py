@@ -50,7 +50,7 @@ def report(scores: Mapping[str, Any]) -> str:
         )
         lines.append(f"  {'held-out gap <= 1.15 times the noise':<50}{share_text(held['closed'])}")
     parts = (_confusion_lines, _size_lines, _reliability_lines, _detectable_lines)
-    return "\n".join([*lines, *(line for part in parts for line in ("", *part(scores)))]).rstrip()
+    return "\n\n".join("\n".join(part) for part in (lines, *(p(scores) for p in parts)) if part)
 
 
 def _confusion_lines(scores: Mapping[str, Any]) -> list[str]:

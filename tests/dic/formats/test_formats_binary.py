@@ -36,7 +36,7 @@ def istra_step(path: Path, truth, frame: int, masked=(), unit: str | None = "mm"
         ):
             for i, axis in enumerate("xyz"):
                 values = vectors[:, i] * scale
-                values[list(masked)] = 3e38
+                values[list(masked)] = 1.7e308
                 file[f"{group}/{name}_{axis}"] = values.reshape(9, 9)
                 if unit:
                     file[f"{group}/{name}_{axis}"].attrs["unit"] = unit
@@ -257,6 +257,29 @@ def test_duodic(truth, tmp_path, log, holds, version, said):
     table = str(log([str(i) for i in (1, 2, 3, 4)], header="image number,pressure [bar]"))
     holds(read_test(path, pressure=table, say=said.append, **SPECIMEN), lost=((2, 13),))
     assert said[0] == "duodic: 4 frames of DuoDIC, MultiDIC (MATLAB .mat), current positions"
+
+
+def test_duodic_with_an_empty_cell(truth, tmp_path, log):
+    """MATLAB writes the shape of an empty array in its place."""
+    points, vectors = duodic_cells(truth)
+
+    def write(file):
+        write_cells(file, "DIC3DPPresults/Points3D", points)
+        write_cells(file, "DIC3DPPresults/Disp/DispVec", vectors)
+        for name in ("DIC3DPPresults_Points3D1", "DIC3DPPresults_Disp_DispVec1"):
+            del file[f"#refs#/{name}"]
+            file[f"#refs#/{name}"] = np.zeros(2, dtype=np.uint64)
+            file[f"#refs#/{name}"].attrs["MATLAB_empty"] = np.uint8(1)
+        for name in ("Points3D", "Disp/DispVec"):
+            refs = file[f"DIC3DPPresults/{name}"][()]
+            kind = name.replace("/", "_")
+            refs[0, 1] = file[f"#refs#/DIC3DPPresults_{kind}1"].ref
+            file[f"DIC3DPPresults/{name}"][...] = refs
+
+    write_newest(tmp_path / "DIC3DPPresults.mat", write)
+    table = str(log([str(i) for i in (1, 2, 3, 4)], header="image number,pressure [bar]"))
+    test = read_test(tmp_path / "DIC3DPPresults.mat", pressure=table, **SPECIMEN)
+    assert test.blocks[0].measured.sum(axis=1).tolist() == [81, 0, 80, 81]
 
 
 def test_duodic_without_its_cells(tmp_path):

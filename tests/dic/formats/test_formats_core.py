@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from bulgefit.dic import read_test
+from bulgefit.dic import READERS, read_test
 from bulgefit.dic.formats.encoding import decode
 from bulgefit.dic.formats.frames import Frame
 from bulgefit.dic.formats.join import joined
@@ -154,6 +154,7 @@ def test_positions_other_than_declared_are_refused(truth, write_table, log, hold
         folder = write_table(f"{name}.csv", header, rows)
     table = str(log(names))
     by_numbers, declared = ("current", "reference") if with_ids else ("reference", "current")
+    assert READERS["vic3d" if with_ids else "vic3d-grid"].positions == declared
     with pytest.raises(
         InputError, match=f"by the numbers, not {declared} as vic3d.*declares; give"
     ):
@@ -177,6 +178,19 @@ def test_points_are_joined_by_id_where_positions_scatter(truth):
     assert (by, count) == ("id", 81)
     for reference, _ in placed[1:]:
         np.testing.assert_array_equal(reference, placed[0][0])
+
+
+def test_ids_that_count_anew_in_each_frame_are_no_ids(truth):
+    """As rows would be if a grid left out its lost points."""
+    frames = []
+    for i, kept in enumerate((slice(0, 81), slice(1, 81))):
+        number = np.arange(81)[kept][:, None] - kept.start
+        frames.append(
+            Frame(None, str(i), truth.reference[kept], truth.displacement[i][kept], number)
+        )
+    placed, by, count = joined(frames, "reference")
+    assert (by, count) == ("position", 81)
+    np.testing.assert_array_equal(placed[1][0], placed[0][0][1:])
 
 
 def test_ids_that_come_twice_are_no_ids(truth):

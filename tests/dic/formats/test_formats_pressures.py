@@ -62,6 +62,22 @@ def test_vic_snap_log_is_joined_by_file_names(truth, frames, holds, said):
     )
 
 
+@pytest.mark.parametrize(("export", "image"), [("", "_0.tif"), ("_0", ".tif"), ("", "_1.tif")])
+def test_the_number_of_the_camera_may_be_left_out(truth, frames, holds, export, image):
+    names = [f"run-{i:04d}" for i in range(4)]
+    folder = frames([f"{name}{export}" for name in names])
+    lines = [row(f"{n}{image}", p * 10) for n, p in zip(names, truth.pressure, strict=True)]
+    write_log(folder, ["Filename_0_1,p_bar", *lines])
+    holds(read_test(folder, **SPECIMEN))
+
+
+def test_steps_are_not_taken_for_cameras(frames):
+    folder = frames([f"step_{i}" for i in range(4)])
+    write_log(folder, ["file,p_bar", row("step", 1), row("step_2", 2)])
+    with pytest.raises(InputError, match="has no row for 3 of 4 frames, first 'step_0'"):
+        read_test(folder, **SPECIMEN)
+
+
 def test_matchid_image_csv(truth, frames, holds):
     folder = frames([f"Image_{i:04d}_0.tiff" for i in range(4)])
     lines = ["File;TimeStamp;Pressure [V]; Pressure [bar]"]
@@ -204,12 +220,26 @@ def test_volts_that_are_named_bar_are_noticed(truth, frames, holds, said):
     assert "holds the V of 'Pressure [V]' and is not used" in said[-1]
 
 
+def test_volts_that_are_named_newtons_are_noticed(truth, frames, holds):
+    """A load cell whose force is the pressure on its plate, exported as MatchID 2024 does."""
+    volts = truth.pressure * 4 + 0.1
+    folder = frames(column="ext.Force [N]", values=volts)
+    write_log(folder, ["File,Force [V],Force [N]", *map(row, NAMES, volts, (volts - 0.1) * 250)])
+    options = {"pressure_unit": "0.01bar/N", **SPECIMEN}
+    with pytest.raises(
+        InputError, match=r"hold the same numbers, in N and in V, and 'Force .N.' of"
+    ):
+        read_test(folder, pressure_column="ext.Force [N]", **options)
+    holds(read_test(folder, pressure_column="Force [N]", **options))
+
+
 def test_columns_that_contradict_are_refused(truth, frames, holds):
     volts = truth.pressure * 4
     folder = frames(column="ext.Pressure [bar]", values=truth.pressure * 10 + 0.1)
     write_log(folder, ["file,Pressure [bar]", *map(row, NAMES, volts)])
     with pytest.raises(InputError, match="are both in bar and differ; say which holds"):
         read_test(folder, **SPECIMEN)
+    frames()
     write_log(folder, ["file,Pressure [bar],ai0 [V]", *map(row, NAMES, volts, volts)])
     with pytest.raises(InputError, match="hold the same numbers, in bar and in V, so one unit is"):
         read_test(folder, **SPECIMEN)
@@ -223,6 +253,12 @@ def test_a_column_of_the_frames(truth, frames, holds, said):
     folder = frames(column="ext.Pressure [mbar]", values=truth.pressure * 1e4)
     holds(read_test(folder, say=said.append, **SPECIMEN))
     assert said[-1] == "pressure from 'ext.Pressure [mbar]' in the frames"
+
+
+def test_times_of_the_frames(truth, frames):
+    folder = frames(column="ext.Time [s]", values=[0.5, 1.5, 2.5, 9])
+    write_log(folder, ["file,p_bar", *map(row, NAMES, truth.pressure * 10)])
+    assert read_test(folder, **SPECIMEN).time.tolist() == [0.5, 1.5, 2.5, 9]
 
 
 def test_any_column_of_the_frames_that_is_asked_for(truth, frames, holds):
@@ -241,6 +277,15 @@ def test_names_of_the_frames(truth, frames, holds):
     holds(read_test(folder, pressure="names", **SPECIMEN))
     with pytest.raises(InputError, match="no pressure found"):
         read_test(folder, pressure_column="q", **SPECIMEN)
+
+
+@pytest.mark.parametrize("where", ["frames", "names"])
+def test_a_log_of_forces_leaves_the_pressure_to_what_tells_it(truth, frames, holds, where):
+    names = [f"cloth2_{p * 10:g}bar" for p in truth.pressure] if where == "names" else NAMES
+    column = "ext.Pressure [mbar]" if where == "frames" else ""
+    folder = frames(names, column=column, values=truth.pressure * 1e4)
+    write_log(folder, ["file,force [N],time [s]", *(row(name, 7, 3) for name in names)])
+    holds(read_test(folder, **SPECIMEN))
 
 
 def test_names_without_a_pressure_or_with_two(frames):

@@ -50,6 +50,7 @@ def test_vic3d_points(truth, write_table, log, holds, said):
     holds(test, lost=((1, 3), (1, 4), (2, 5)))
     assert said == [
         "vic3d: 4 frames of VIC-3D, points (CSV), reference positions",
+        "lengths state no unit and are taken as mm; --length-unit gives another",
         "79 to 81 points a frame, joined by id; 3 marked as lost (sigma -1, or a row of zeros) "
         "left out",
         "pressure from 'pressure [bar]' of loads.csv, found by file names in its column 'file'",
@@ -87,13 +88,14 @@ def test_vic3d_in_metres(truth, write_table, log, holds):
     holds(read_test(folder, pressure=str(log(NAMES)), **SPECIMEN))
 
 
-def test_a_unit_of_length_that_is_not_stated(truth, write_table, log, holds):
+def test_a_unit_of_length_that_is_not_stated(truth, write_table, log, holds, said):
     for i, name in enumerate(NAMES):
         rows = np.array(vic_rows(truth, i))
         rows[:, :6] *= 1e-3
         folder = write_table(f"{name}.csv", VIC_HEADER, rows)
     table = str(log(NAMES))
-    holds(read_test(folder, pressure=table, length_unit="m", **SPECIMEN))
+    holds(read_test(folder, pressure=table, length_unit="m", say=said.append, **SPECIMEN))
+    assert not any("state no unit" in line for line in said)
     with pytest.raises(InputError, match="--length-unit has the unit 'inch'"):
         read_test(folder, pressure=table, length_unit="inch", **SPECIMEN)
 

@@ -21,6 +21,8 @@ _IDS: tuple[tuple[str, ...], ...] = (("ID",), ("id",), ("Index",), ("index_x", "
 _MOVED: tuple[tuple[Three | None, Three | None], ...] = (
     (("u", "v", "w"), None),
     (("dx", "dy", "dz"), None),
+    (("disp_x", "disp_y", "disp_z"), None),
+    (("displacement_x", "displacement_y", "displacement_z"), None),
     (None, ("x", "y", "z")),
     (None, ("x_def", "y_def", "z_def")),
 )
@@ -30,7 +32,7 @@ LAYOUTS = tuple(
     for displacement, deformed in _MOVED
 )
 CORRELATE = tuple(
-    Layout(position=(x, y, z), displacement=(dx, dy, dz))
+    Layout(position=(x, y, z), displacement=(dx, dy, dz), ids=("id",))
     for x, y, z in (("x", "y", "z"), ("X", "Y", "Z"))
     for dx, dy, dz in (
         ("displacement_x", "displacement_y", "displacement_z"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,8 @@ from bulgefit.errors import InputError
 __all__ = ["Ask", "Format", "register"]
 
 _OPTIONS = ("pressure", "pressure_column", "pressure_unit", "positions", "length_unit")
+_NO_UNIT = "lengths state no unit and are taken as mm; --length-unit gives another"
+_TURNED = "y and z change sign: the file's y runs down the image"
 _FOR_PRESSURE = {"pressure": "pressure", "pressure_column": "column", "pressure_unit": "unit"}
 
 
@@ -133,7 +135,7 @@ def _read(
     pressure = pressures_of(
         frames,
         [head for head in source.heads if head not in own],
-        [head for head in source.beside if not format.recognises(head)],
+        _beside(format, source),
         where,
         **{_FOR_PRESSURE[key]: value for key, value in options.items()},
     )
@@ -156,11 +158,17 @@ def _read(
         notes=(
             f"{format.name}: {_counted(len(frames), 'frame')} of {format.system}, {kind} positions",
             *notes,
-            *(["y and z change sign: the file's y runs down the image"] if turned else []),
+            *([] if length_unit or all(f.has_units for f in frames) else [_NO_UNIT]),
+            *([_TURNED] if turned else []),
             _said_of_points(frames, by, count, format.lost),
             pressure.note,
         ),
     )
+
+
+def _beside(format: Format, source: Source) -> Iterator[Head]:
+    # a generator, so that a folder of many files is looked through only where that is needed
+    yield from (head for head in source.beside if not format.recognises(head))
 
 
 def _kind_of_positions(
@@ -177,8 +185,10 @@ def _kind_of_positions(
     found = evidence(frames)
     if found is None:
         return kind, ["one frame only: the numbers do not tell whether its positions are " + kind]
-    if found.says in (None, kind):
+    if found.says == kind:
         return kind, []
+    if found.says is None:
+        return kind, [f"the numbers do not tell whether its positions are {kind}"]
     means = {REFERENCE: "those before inflation (x1 = x0)", CURRENT: "current (x1 = x0 + u)"}
     told = f"positions are {means[found.says]} by the numbers, not {kind}"
     if asked is None:

@@ -25,7 +25,9 @@ LAYOUTS = tuple(
     for dx, dy, dz in (
         ("X-displacement", "Y-displacement", "Z-displacement"),
         ("x-displacement", "y-displacement", "z-displacement"),
+        ("X-Displacement", "Y-Displacement", "Z-Displacement"),
         ("Displacement x", "Displacement y", "Displacement z"),
+        ("Displacement u", "Displacement v", "Displacement w"),
         ("Displacement X", "Displacement Y", "Displacement Z"),
     )
 )

@@ -14,16 +14,20 @@ from bulgefit.errors import InputError
 
 __all__: list[str] = []
 
-# What the toolboxes call the struct, by step and by version.
-_STRUCTS = ("DIC3D", "DIC3DPPresults", "DIC3Dcombined", "DIC3DpairResults")
+# How the toolboxes call the struct, by step and by version: DIC3D, DIC3DPPresults, ...
+_START = "DIC3D"
 
 
 def _recognises(head: Head) -> bool:
-    return is_matlab(head) and bool(variables_of(head.path) & {*_STRUCTS})
+    return is_matlab(head) and _struct(head.path) is not None
+
+
+def _struct(path: Path) -> str | None:
+    return next((name for name in sorted(variables_of(path)) if name.startswith(_START)), None)
 
 
 def _read(path: Path, ask: Ask) -> list[Frame]:
-    struct = next(name for name in _STRUCTS if name in variables_of(path))
+    struct = _struct(path) or _START
     points = cells_of(path, struct, "Points3D")
     vectors = cells_of(path, struct, "Disp", "DispVec")
     if points is None or vectors is None:
@@ -48,6 +52,7 @@ def _read(path: Path, ask: Ask) -> list[Frame]:
             position=position * ask.length,
             displacement=displacement * ask.length,
             ids=np.arange(len(position))[:, None],
+            has_units=False,
         )
         frames.append(measured_rows(frame, np.zeros(len(position), dtype=bool)))
     return frames

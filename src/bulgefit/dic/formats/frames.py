@@ -65,6 +65,8 @@ class Frame:
         Rows of the points in the reference image, counted downwards.
     signals : mapping of str to Signal
         What else was recorded, by name.
+    has_units : bool
+        Whether the file states the unit of its lengths.
     """
 
     path: Path
@@ -75,6 +77,7 @@ class Frame:
     lost: int = 0
     pixels: Floats | None = None
     signals: Mapping[str, Signal] = field(default_factory=dict)
+    has_units: bool = True
 
 
 def measured_rows(frame: Frame, lost: NDArray[np.bool_]) -> Frame:

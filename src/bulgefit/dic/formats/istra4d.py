@@ -124,7 +124,7 @@ def _text(value: Any) -> str | None:
     if value is None:
         return None
     text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
-    return text.strip() or None
+    return text.strip(" []") or None
 
 
 register(

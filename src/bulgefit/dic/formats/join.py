@@ -41,7 +41,9 @@ def joined(frames: list[Frame], positions: str) -> tuple[list[tuple[Floats, Floa
     ]
     ids = _usable_ids(frames)
     if ids is not None:
-        return _by_number(frames, reference, ids), "id", _count(ids)
+        placed = _by_number(frames, reference, ids)
+        if _are_near(placed, reference):
+            return placed, "id", _count(ids)
     numbers = _numbers_by_position(reference)
     if numbers is None:
         displacement = [frame.displacement for frame in frames]
@@ -67,6 +69,18 @@ def _usable_ids(frames: list[Frame]) -> list[NDArray[np.intp]] | None:
     if any(len(np.unique(number)) < len(number) for number in numbers):
         return None
     return numbers
+
+
+def _are_near(placed: list[tuple[Floats, Floats]], reference: list[Floats]) -> bool:
+    """Whether the points of one id are nearer to one another than to their neighbours.
+
+    Ids that count anew in each frame, such as rows where lost points are left out, are none.
+    """
+    for (place, _), points in zip(placed, reference, strict=True):
+        off = np.linalg.norm(place - points, axis=1)
+        if len(off) and np.median(off) > 0.5 * spacing(points):
+            return False
+    return True
 
 
 def _numbers_by_position(reference: list[Floats]) -> list[NDArray[np.intp]] | None:

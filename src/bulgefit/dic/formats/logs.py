@@ -111,6 +111,10 @@ def _rows_of(table: Table, frames: Sequence[str], in_order: bool) -> tuple[NDArr
     for column in table.columns:
         if _FILE.search(column.name) and table.header.count(column.name) == 1:
             rows = _rows_by_name(table, column, frames)
+            shorter = [*map(_without_camera, frames)]
+            # exports may leave out which of the cameras it was
+            if rows is None and len({*shorter}) == len(frames):
+                rows = _rows_by_name(table, column, shorter)
             if rows is not None:
                 return rows, f"file names in its column {column.name!r}"
     for column in table.columns:
@@ -129,11 +133,13 @@ def _rows_of(table: Table, frames: Sequence[str], in_order: bool) -> tuple[NDArr
 
 def _rows_by_name(table: Table, column: Column, frames: Sequence[str]) -> NDArray[np.intp] | None:
     names: dict[str, int] = {}
-    for row, text in enumerate(table.texts(column.name)):
-        name = frame_name(text)
+    texts = [frame_name(text) for text in table.texts(column.name)]
+    if not {*texts} & {*frames}:
+        texts = [*map(_without_camera, texts)]
+    for row, name in enumerate(texts):
         if name in names and name in frames:
             raise LogError(
-                f"{table.path}: column {column.name!r} names {text!r} twice; one row a frame"
+                f"{table.path}: column {column.name!r} names {name!r} twice; one row a frame"
             )
         names[name] = row
     missing = [frame for frame in frames if frame not in names]
@@ -145,6 +151,10 @@ def _rows_by_name(table: Table, column: Column, frames: Sequence[str]) -> NDArra
             f"{missing[0]!r}; add it, or move that frame out"
         )
     return np.array([names[frame] for frame in frames])
+
+
+def _without_camera(name: str) -> str:
+    return re.sub(r"_[01]$", "", name)
 
 
 def _rows_by_number(table: Table, column: Column, frames: Sequence[str]) -> NDArray[np.intp] | None:

@@ -88,6 +88,9 @@ def cells_of(path: Path, variable: str, *keys: str) -> list[Floats] | None:
         cells: list[Floats] = []
         size = 0
         for ref in member[()].ravel(order="F"):
+            if "MATLAB_empty" in file[ref].attrs:  # it holds the shape in the place of the array
+                cells.append(np.empty((0, 3)))
+                continue
             cell = numbers(file[ref], name, path)
             size += cell.nbytes  # many cells may be the same data set
             if size > largest_size(path):

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.formats.contradictions import contradictions
 from bulgefit.dic.formats.frames import Frame, Signal
 from bulgefit.dic.formats.logs import LogError, is_log, read_log
 from bulgefit.dic.formats.names import column
 from bulgefit.dic.formats.source import Head
-from bulgefit.dic.units import PRESSURE, TIME
+from bulgefit.dic.units import LENGTH, PRESSURE, TIME
 from bulgefit.errors import InputError
 
 __all__ = ["BY_NAMES", "Pressures", "is_of_pressure", "pressures_of"]
@@ -62,7 +63,7 @@ def is_of_pressure(name: str, unit: str | None) -> bool:
 def pressures_of(
     frames: Sequence[Frame],
     others: Sequence[Head],
-    beside: Sequence[Head],
+    beside: Iterable[Head],
     where: str,
     *,
     pressure: str | None = None,
@@ -76,7 +77,7 @@ def pressures_of(
     frames : sequence of Frame
     others : sequence of Head
         What was given beside the frames, of which one may be a log.
-    beside : sequence of Head
+    beside : iterable of Head
         Further files of the folder; a log of theirs counts if it has all the frames.
     where : str
         What is read, for messages.
@@ -102,16 +103,18 @@ def pressures_of(
             raise InputError(f"{path}: no such file; --pressure is a table, or `{BY_NAMES}`")
         signals, how = read_log(path, names, in_order=True)
         return _from_log(path, how, signals, frames, column, unit)
-    log = _log_of(names, others, beside, where)
-    if log is not None:
-        return _from_log(*log, frames, column, unit)
     recorded = _recorded(frames)
+    in_names = column is None and all(map(_IN_A_NAME.search, names))
+    log = _log_of(names, others, beside, where)
+    # a log of forces alone leaves the pressure to what else tells it
+    if log is not None and not (in_names and not _candidates([*log[2], *recorded], None)):
+        return _from_log(*log, frames, column, unit)
     if _candidates(recorded, column):
         signal = _chosen(recorded, column, where)
         values, known = _in_mpa(signal, unit, where)
         note = f"pressure from {signal.name!r} in the frames"
         return Pressures(values, known, _time(recorded), (), note)
-    if all(map(_IN_A_NAME.search, names)) and column is None:
+    if in_names:
         return _from_names(names, where)
     raise InputError(
         f"{where}: no pressure found in a log beside the frames, in the frames "
@@ -121,7 +124,7 @@ def pressures_of(
 
 
 def _log_of(
-    names: list[str], others: Sequence[Head], beside: Sequence[Head], where: str
+    names: list[str], others: Sequence[Head], beside: Iterable[Head], where: str
 ) -> tuple[Path, str, list[Signal]] | None:
     """The one log beside the frames, how its rows were found, and what it recorded.
 
@@ -158,12 +161,18 @@ def _from_log(
     column: str | None,
     unit: str | None,
 ) -> Pressures:
-    signal = _chosen(signals, column, str(path))
-    values, known = _in_mpa(signal, unit, str(path))
-    notes = [f"pressure from {signal.name!r} of {path.name}, found by {how}"]
-    if column is None or unit is None:  # else the user has said what holds
-        notes += _contradictions(signal, [*signals, *_recorded(frames)])
-    return Pressures(values, known, _time(signals), (path,), "; ".join(notes))
+    recorded = _recorded(frames)
+    if not _candidates(signals, column) and _candidates(recorded, column):
+        signal = _chosen(recorded, column, str(path))
+        notes = [f"pressure from {signal.name!r} in the frames"]
+    else:
+        signal = _chosen(signals, column, str(path))
+        notes = [f"pressure from {signal.name!r} of {path.name}, found by {how}"]
+    values, known = _in_mpa(signal, unit, signal.where)
+    confirmed = column is not None and unit is not None
+    notes += contradictions(signal, [*signals, *recorded], confirmed)
+    time = _time([*signals, *recorded])
+    return Pressures(values, known, time, (path,), "; ".join(notes))
 
 
 def _from_names(names: Sequence[str], where: str) -> Pressures:
@@ -248,65 +257,20 @@ def _parsed(unit: str) -> tuple[float, str, str | None]:
     return size, found[2], found[3]
 
 
-def _contradictions(signal: Signal, all_signals: Sequence[Signal]) -> list[str]:
-    """What is not what its unit says; refuse the chosen column if that is so of it.
-
-    Some exports put the volts of an input under the unit of what it measures.
-    """
-    notes = []
-    others = [other for other in all_signals if other is not signal]
-    if twin := _same_in_another_unit(signal, others):
-        raise InputError(
-            f"{_place(signal)} and {_place(twin)} hold the same numbers, in {signal.unit} and in "
-            f"{twin.unit}, so one unit is wrong; say what holds with --pressure-column and "
-            "--pressure-unit"
-        )
-    for other in others:
-        if not _is_same_quantity(signal, other) or _are_equal(signal, other):
-            continue
-        twin = _same_in_another_unit(other, [s for s in others if s is not other])
-        if twin is None:
-            raise InputError(
-                f"{_place(signal)} and {_place(other)} are both in {signal.unit} and differ; say "
-                "which holds with --pressure-column and --pressure-unit"
-            )
-        notes.append(f"{_place(other)} holds the {twin.unit} of {twin.name!r} and is not used")
-    return notes
-
-
-def _same_in_another_unit(signal: Signal, others: Sequence[Signal]) -> Signal | None:
-    # constant columns, such as those of an input that is not connected, say nothing
-    if signal.unit is None or not np.ptp(signal.values):
-        return None
-    for other in others:
-        if other.unit not in (None, signal.unit) and _are_equal(signal, other):
-            return other
-    return None
-
-
-def _are_equal(one: Signal, other: Signal) -> bool:
-    # exports round to six digits and more
-    return bool(np.allclose(one.values, other.values, rtol=1e-5, atol=0, equal_nan=True))
-
-
-def _is_same_quantity(one: Signal, other: Signal) -> bool:
-    last = [signal.quantity.split(".")[-1] for signal in (one, other)]
-    return last[0] == last[1] and one.unit == other.unit and one.unit is not None
-
-
-def _place(signal: Signal) -> str:
-    return f"{signal.name!r} of {signal.where}"
-
-
 def _time(signals: Sequence[Signal]) -> Floats | None:
     """Times in s, where one column is of time and states its unit."""
-    found = [s for s in signals if s.unit in TIME and s.quantity.lower().startswith("time")]
+    named = [s for s in signals if s.quantity.split(".")[-1].lower().startswith("time")]
+    found = [s for s in named if s.unit in TIME]
     if len(found) != 1 or not np.isfinite(found[0].values).all():
         return None
     return found[0].values * TIME[str(found[0].unit)]
 
 
 def _listed(signals: Sequence[Signal]) -> str:
-    names = [repr(signal.name) for signal in signals]
+    # what is no length and no time, and changes, comes first
+    ordered = sorted(
+        signals, key=lambda s: (s.unit in LENGTH or s.unit in TIME, not np.ptp(s.values))
+    )
+    names = [repr(signal.name) for signal in ordered]
     more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     return ", ".join(names[:_SHOWN]) + more or "nothing was recorded"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -25,6 +24,7 @@ BLANKS = " "
 _SEPARATORS = (",", ";", "\t")
 _LOST = ("", "nan", "na", "n/a", "-", "nan(ind)", "-nan(ind)", "-1.#ind", "1.#qnan", "-1.#qnan")
 _NUMBER = re.compile(r"\s*[-+]?[.,]?\d+([.,]\d*)?([eE][-+]?\d+)?\s*([,;\t ]|$)")
+_COMMENT = re.compile(r"^[ \t]*#.*$", re.MULTILINE)
 # Lines before the header; DIC systems write some tens of them.
 _LONGEST_PREAMBLE = 500
 
@@ -85,7 +85,7 @@ class Table:
             return np.empty((0, len(columns)))
         try:
             return np.loadtxt(
-                io.StringIO(body),
+                _lines(body),
                 delimiter=None if self.separator == BLANKS else self.separator,
                 usecols=columns,
                 ndmin=2,
@@ -103,10 +103,12 @@ class Table:
 
     def need_named_cells(self) -> None:
         """Refuse rows with more cells than the header: they would shift what the columns hold."""
-        countable = '"' not in self.body and self.separator != BLANKS
-        most = len(self.columns) - 1
-        if countable and all(row.count(self.separator) <= most for row in self.body.split("\n")):
-            return  # without quotes the separators count the cells
+        if '"' not in self.body and self.separator != BLANKS:
+            # without quotes the separators count the cells, which is many times faster
+            most, longest = len(self.columns) - 1, csv.field_size_limit()
+            rows = _lines(self.body)
+            if all(row.count(self.separator) <= most and len(row) < longest for row in rows):
+                return
         for line, row in self._rows():
             if any(map(str.strip, row[len(self.columns) :])):
                 raise InputError(
@@ -182,22 +184,18 @@ def read_table(path: Path, wanted: Wanted | None = None) -> Table:
         Whether columns are those of the header; by default it is the first line that is not
         blank. Lines that begin with # are comments where this is given.
     """
-    lines = text_of(path).split("\n")
+    text = text_of(path)
+    # the body is not taken apart into lines: that would take several times its memory
+    lines = text.split("\n", _LONGEST_PREAMBLE)[:_LONGEST_PREAMBLE]
     header = _first_line(path, lines) if wanted is None else find_header(headers_of(lines), wanted)
     if header is None:
         raise InputError(f"{path}: has no line with the names of the columns; export it anew")
-    body = lines[header.line + 1 :]
-    if wanted is not None:
-        body = ["" if line.lstrip().startswith("#") else line for line in body]
-    columns, used = _units_below(header, body)
-    table = Table(
-        path,
-        columns,
-        header.separator,
-        "\n".join(lines[: header.line]),
-        "\n".join(body[used:]),
-        header.line + 2 + used,
-    )
+    columns, used = _units_below(header, lines[header.line + 1 :])
+    below = header.line + 1 + used
+    body = text[sum(len(line) + 1 for line in lines[:below]) :]
+    if wanted is not None and _COMMENT.search(body):
+        body = _COMMENT.sub("", body)
+    table = Table(path, columns, header.separator, "\n".join(lines[: header.line]), body, below + 1)
     table.need_named_cells()
     return table
 
@@ -270,7 +268,17 @@ def _units_below(header: Header, body: Sequence[str]) -> tuple[tuple[Column, ...
         Column(known.name, known.quantity, known.unit if known.unit is not None else unit or None)
         for known, unit in zip(header.columns, units, strict=True)
     )
-    return columns, list(body).index(line) + 1
+    return columns, [*body].index(line) + 1
+
+
+def _lines(text: str) -> Iterator[str]:
+    """The lines of a text, one at a time."""
+    start = 0
+    while (end := text.find("\n", start)) >= 0:
+        yield text[start:end]
+        start = end + 1
+    if start < len(text):
+        yield text[start:]
 
 
 def _rows(
@@ -278,11 +286,12 @@ def _rows(
 ) -> Iterator[tuple[int, list[str]]]:
     """The rows that are not blank, each with the line of the file on which it begins."""
     if separator == BLANKS:
-        for line, cells in enumerate(text.split("\n"), first_line):
+        for line, cells in enumerate(_lines(text), first_line):
             if cells.strip():
                 yield line, cells.split()
         return
-    rows = csv.reader(io.StringIO(text), delimiter=separator, strict=True)
+    lines = (f"{line}\n" for line in _lines(text))
+    rows = csv.reader(lines, delimiter=separator, strict=True)
     line = first_line
     try:
         for row in rows:

@@ -37,6 +37,8 @@ class Layout:
         Positions at the frame.
     ids : tuple of str
         Columns that tell the points apart through the frames, where the file has them.
+    rows_are_ids : bool
+        Whether every file has a row for each point, lost or not; a join checks that.
     row : str or None
         The column of the pixel's row in the reference image.
     marks : tuple of (str, float)
@@ -53,6 +55,7 @@ class Layout:
     displacement: Three | None
     deformed: Three | None = None
     ids: tuple[str, ...] = ()
+    rows_are_ids: bool = False
     row: str | None = None
     marks: tuple[tuple[str, float], ...] = ()
     zeros: bool = False
@@ -114,9 +117,10 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
         name=frame_name(path.name),
         position=position,
         displacement=displacement,
-        ids=_ids(values, layout.ids),
+        ids=np.arange(len(position))[:, None] if layout.rows_are_ids else _ids(values, layout.ids),
         pixels=None if layout.row is None else values.get(layout.row),
         signals=_signals(table, ask.signal),
+        has_units=all(_states_unit(table, name) for name in layout.position),
     )
     return measured_rows(frame, lost), table
 
@@ -139,6 +143,11 @@ def _values(table: Table, layout: Layout) -> dict[str, Floats]:
 
 def _find(table: Table, quantity: str) -> Column | None:
     return next((column for column in table.columns if column.quantity == quantity), None)
+
+
+def _states_unit(table: Table, quantity: str) -> bool:
+    column = _find(table, quantity)
+    return column is not None and column.unit is not None
 
 
 def _lengths(table: Table, values: dict[str, Floats], quantities: Three, ask: Ask) -> Floats:

@@ -20,7 +20,7 @@ POINTS = Layout(
     zeros=True,
     units=False,
 )
-GRID = Layout(position=("X", "Y", "Z"), displacement=("U", "V", "W"), units=True)
+GRID = Layout(position=("X", "Y", "Z"), displacement=("U", "V", "W"), rows_are_ids=True, units=True)
 
 
 def _read_points(path: Path, ask: Ask) -> list[Frame]:

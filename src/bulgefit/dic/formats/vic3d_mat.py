@@ -42,6 +42,7 @@ def _read(path: Path, ask: Ask) -> list[Frame]:
         displacement=displacement,
         ids=np.arange(len(position))[:, None],
         pixels=arrays["y"].ravel() if "y" in arrays else None,
+        has_units=False,
     )
     return [measured_rows(frame, lost)]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.coverage import coverage
-from bulgefit.dic.rim import rim_centre
+from bulgefit.dic.rim import rim_of
 from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
@@ -66,16 +66,16 @@ def _about_first_frame(test: BulgeTest, pressure: Floats, rise: Floats) -> Itera
 
 
 def _about_centre(test: BulgeTest) -> Iterator[Suspicion]:
-    centre = rim_centre(test)
-    if centre is None:
+    rim = rim_of(test)
+    if rim is None:
         return
-    x, y = centre.position
-    nearest = float(np.hypot(*np.fmax(np.abs(centre.position) - centre.error, 0.0)))
+    (x, y), (error_x, error_y) = rim.centre, rim.centre_error
+    nearest = float(np.hypot(max(abs(x) - error_x, 0.0), max(abs(y) - error_y, 0.0)))
     if nearest > _OFF_CENTRE * test.radius:
         yield Suspicion(
             "off_centre",
             f"the heights fall to 0 on a circle about ({x:.1f}, {y:.1f}) mm, uncertain by "
-            f"({centre.error[0]:.1f}, {centre.error[1]:.1f}): x = y = 0 is not the clamp's centre",
+            f"({error_x:.1f}, {error_y:.1f}): x = y = 0 is not the clamp's centre",
             "bulgefit convert IN OUT --centre rim, or --shift with what you measured",
         )
 

@@ -1,0 +1,140 @@
+"""Where pressure cannot be stepped: the same branch of equilibria by its volume.
+
+Beneath a membrane the volume V goes on to grow where the pressure has its greatest value, so there
+the tangent bordered by ∂V/∂x is regular while the tangent itself is singular:
+
+    K δu - f δp = -R,      f·δu = V_wanted - V,      f = ∂V/∂x
+
+(Riks, 1979, Int. J. Solids Struct. 15, 529-551, with the volume for the arc length). A branch on
+which more volume takes less pressure has passed its limit pressure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import Cause
+from bulgefit.fem.equilibrium import CORRECTION, NewtonError
+from bulgefit.fem.linear import NotPositiveDefiniteError
+from bulgefit.fem.membrane import Membrane
+
+__all__ = ["Point", "at_volume", "highest_pressure", "volume_of"]
+
+Floats = NDArray[np.float64]
+
+#: Newton's method converges quadratically from a shape near by, or not at all.
+_ITERATIONS = 10
+#: Parabolas through the pressures about the greatest one: each squares its error.
+_PARABOLAS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An equilibrium of a branch.
+
+    Attributes
+    ----------
+    displacement : (n, 3) array, mm
+    pressure : float, MPa
+    volume : float, mm³
+    stable : bool
+        Under a given pressure: the tangent is positive definite.
+    work : int
+        Factorisations spent.
+    """
+
+    displacement: Floats
+    pressure: float
+    volume: float
+    stable: bool
+    work: int
+
+
+def volume_of(membrane: Membrane, displacement: Floats) -> float:
+    """Volume beneath a shape, mm³: by how much a unit pressure lowers the potential."""
+    none, unit = (
+        membrane.state(displacement, p, np.zeros(4), tangent=False).potential for p in (0.0, 1.0)
+    )
+    return none - unit
+
+
+def at_volume(
+    membrane: Membrane, stiffness: Floats, start: Floats, pressure: float, volume: float
+) -> Point:
+    """The equilibrium with this volume, from a shape and a pressure near by.
+
+    Raises
+    ------
+    NewtonError
+    """
+    displacement, close = membrane.tied(start), CORRECTION * membrane.radius / 100.0
+    before = np.inf
+    for iteration in range(1, _ITERATIONS + 1):
+        state = membrane.state(displacement, pressure, stiffness)
+        if state.tangent is None or not np.isfinite(state.potential):
+            raise NewtonError("a cell has collapsed", iteration, np.inf, iteration, Cause.COLLAPSED)
+        try:
+            factor, stable = membrane.factorise(state), True
+        except NotPositiveDefiniteError:
+            factor, stable = membrane.linear.factorise_indefinite(state.tangent), False
+        force = membrane.pressure_force(displacement)
+        back, ahead = factor.solve(np.array([state.residual, force]).T).T
+        rate = (volume - volume_of(membrane, displacement) + force @ back) / (force @ ahead)
+        correction = rate * ahead - back
+        size = float(np.abs(correction).max())
+        if not np.isfinite(size):
+            break
+        displacement = displacement + membrane.spread(correction)
+        pressure += float(rate)
+        # what follows a correction is of the order of its square
+        if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
+            return Point(displacement, pressure, volume, stable, iteration)
+        before = size
+    residual = float(np.abs(state.residual).max())
+    raise NewtonError("no convergence at a given volume", iteration, residual, iteration)
+
+
+def highest_pressure(
+    membrane: Membrane, stiffness: Floats, points: tuple[Point, Point, Point]
+) -> tuple[Point, int]:
+    """The limit pressure of a branch, from points before, near and behind it.
+
+    Parameters
+    ----------
+    points : three of Point
+        By volume; the middle one has the highest pressure.
+
+    Returns
+    -------
+    highest : Point
+    work : int
+        Factorisations spent.
+    """
+    low, best, high = points
+    work = 0
+    for _ in range(_PARABOLAS):
+        volume = _vertex(low, best, high)
+        if not low.volume < volume < high.volume:
+            break
+        try:
+            new = at_volume(membrane, stiffness, best.displacement, best.pressure, volume)
+        except NewtonError as error:
+            work += error.work
+            break
+        work += new.work
+        if new.pressure <= best.pressure:
+            break
+        low, high = (low, best) if new.volume < best.volume else (best, high)
+        best = new
+    return best, work
+
+
+def _vertex(a: Point, b: Point, c: Point) -> float:
+    """Volume at the top of the parabola through three points."""
+    left = (b.volume - a.volume) * (b.pressure - c.pressure)
+    right = (b.volume - c.volume) * (b.pressure - a.pressure)
+    top = (b.volume - a.volume) * left - (b.volume - c.volume) * right
+    return b.volume - 0.5 * top / (left - right) if left != right else b.volume

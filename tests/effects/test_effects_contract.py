@@ -1,0 +1,265 @@
+"""What every effect of the catalogue keeps: asked of the registry, so a new one is asked too."""
+
+from __future__ import annotations
+
+import ast
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bulgefit.effects.base import PLACES, Effect
+from bulgefit.effects.places import Clamping, Cloth, Load, Scene
+from bulgefit.effects.registry import catalogue, own_values
+from bulgefit.model.virtual_test import VirtualTest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCE = ROOT / "src" / "bulgefit"
+
+MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
+EFFECTS = list(catalogue().values())
+IDS = [effect.id for effect in EFFECTS]
+
+#: Place, and unit of each parameter, as the design of the model has them; "*" stands for the rest.
+DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
+    "initial_shape": ("shape", {"*": "mm"}),
+    "clamp_shape": ("shape", {"ellipticity": "1", "radius_error": "1"}),
+    "clamp_lobes": ("shape", {"c3": "1", "s3": "1"}),
+    "prestrain": ("clamp", {"slack_x": "1", "slack_y": "1"}),
+    "clamp_slip": ("clamp", {"compliance": "mm per N/mm"}),
+    "rim_lift": ("clamp", {"amplitude": "mm/bar", "direction": "degree", "shape": "1/bar"}),
+    "axis_misalignment": ("material", {"angle": "degree"}),
+    "poisson_ratio": ("material", {"nu12": "1"}),
+    "nonlinear_material": ("material", {"*": "1"}),
+    "stiffness_gradient": ("material", {"g_x": "1", "g_y": "1"}),
+    "creep": ("material", {"rate": "1 per decade"}),
+    "pressure_offset": ("load", {"offset": "bar"}),
+    "pressure_gain": ("load", {"gain": "1"}),
+    "rigid_motion": (
+        "camera",
+        {f"rotation_{a}": "degree" for a in "xyz"} | {f"shift_{a}": "mm" for a in "xyz"},
+    ),
+    "fixture_motion": (
+        "camera",
+        {f"rotation_{a}": "degree/bar" for a in "xyz"} | {f"shift_{a}": "mm/bar" for a in "xyz"},
+    ),
+    "frame_misalignment": ("camera", {f"rotation_{a}": "degree" for a in "xyz"}),
+    "reference_state": ("camera", {"flattening": "bar", "*": "mm"}),
+    "registration": ("camera", {"x0": "mm", "y0": "mm"}),
+    "dic_scale": ("camera", {"scale": "1"}),
+    "depth_scale": ("camera", {"scale_z": "1"}),
+    "lens_distortion": ("camera", {"k1": "1"}),
+    "dic_smoothing": ("camera", {"window": "mm"}),
+}
+
+#: Rooms in which ids of effects may stand. Beside them, dic knows the ratio that a test states,
+#: which has the name of the effect that it is another one.
+EXCEPTED = {
+    "trial": "it makes tests with effects of its own, and must not know these",
+    "gap": "the search has rules for single effects",
+    "report": "words and charts name single effects",
+}
+
+
+def test_the_design_knows_every_effect() -> None:
+    assert set(DESIGNED) == set(IDS)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_place_and_units(effect: Effect) -> None:
+    place, units = DESIGNED[effect.id]
+    assert effect.place == place
+    assert place in PLACES
+    for parameter in effect.parameters:
+        assert parameter.unit == units.get(parameter.name, units.get("*"))
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_it_is_documented(effect: Effect) -> None:
+    assert (type(effect).__doc__ or "").strip()
+    assert type(effect).__doc__ != Effect.__doc__
+    assert effect.meaning
+    assert effect.remedy
+    assert f"`{effect.id}`" in (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
+    for parameter in effect.parameters:
+        assert parameter.reason, parameter.name
+        assert 0.0 < parameter.prior < math.inf
+        assert parameter.lower < parameter.upper
+        assert parameter.step > 0.0
+        if parameter.null is not None:
+            assert parameter.lower <= parameter.null <= parameter.upper
+        if parameter.start is not None:
+            assert parameter.lower <= parameter.start <= parameter.upper
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_its_forms_grow_out_of_its_parameters(effect: Effect) -> None:
+    known = {p.name for p in effect.parameters}
+    for form in effect.forms:
+        assert set(form) <= known
+    assert {name for group in effect.groups() for name in group} <= set(effect.names)
+    assert set(effect.steady) <= known
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_it_can_be_sent_to_a_worker(effect: Effect) -> None:
+    copy = pickle.loads(pickle.dumps(effect))
+    assert (copy.id, copy.parameters) == (effect.id, effect.parameters)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_its_name_stands_in_one_file(effect: Effect, strings: dict[str, set[str]]) -> None:
+    """Code that asks for one effect by name stands in its file alone, beside the excepted rooms.
+
+    Examples within longer texts, such as help, ask for nothing.
+    """
+    found = {
+        path
+        for path, texts in strings.items()
+        if any(text == effect.id or text.startswith(f"{effect.id}.") for text in texts)
+    }
+    excepted = {*EXCEPTED, *(["dic"] if effect.id == "poisson_ratio" else [])}
+    own = {path for path in found if path.split("/")[0] not in excepted}
+    assert own == {f"effects/{effect.id}.py"}
+
+
+@pytest.fixture(scope="module")
+def strings() -> dict[str, set[str]]:
+    """Every string of each file of the package."""
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        found[path.relative_to(SOURCE).as_posix()] = {
+            node.value
+            for node in nodes
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+    return found
+
+
+# the null
+
+
+def nulls_of(effect: Effect, specimen: VirtualTest) -> dict[str, float]:
+    own = own_values(effect, {}, specimen.nulls())
+    return {f"{effect.id}.{name}": value for name, value in own.items()}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_its_null_changes_nothing(effect: Effect, specimen: VirtualTest) -> None:
+    without = specimen.predict(MODULI).displacement
+    at_null = specimen.predict({**MODULI, **nulls_of(effect, specimen)}).displacement
+    np.testing.assert_allclose(at_null, without, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualTest) -> None:
+    """The model leaves out effects at their null: here the hooks are asked themselves."""
+    own = own_values(effect, {}, specimen.nulls())
+    unit = specimen.mesh.nodes / 100.0
+    np.testing.assert_allclose(effect.outline(own, unit), unit, rtol=0.0, atol=1e-15)
+    assert not effect.height(own, unit).any()
+    cloth = Cloth(**MODULI, nu12=specimen.test.poisson_ratio, points=np.zeros((1, 4, 2)))
+    changed = effect.material(own, cloth)
+    for name in ("E1", "E2", "G12", "nu12", "angle", "slack", "gain", "bend", "knee", "thickness"):
+        assert getattr(changed, name) == getattr(cloth, name), name
+    load = Load(specimen.recorded, specimen.time, specimen.recorded)
+    np.testing.assert_array_equal(effect.load(own, load).balanced, load.balanced)
+    clamping = Clamping(np.linspace(0.0, 6.0, 24), specimen.recorded)
+    held = effect.clamp(own, clamping)
+    assert held.compliance is None
+    assert held.lift is None
+    seen = specimen.test.blocks[0].reference[:, :2]
+    np.testing.assert_array_equal(effect.locate(own, seen, 100.0), seen)
+    assert effect.centre(own) == (0.0, 0.0)
+    assert effect.window(own) == 0.0
+    reference = np.asarray(specimen.test.blocks[0].reference)
+    scene = Scene(reference, seen, reference, specimen.recorded, 100.0)
+    moved = np.random.default_rng(0).normal(size=(3, len(reference), 3))
+    np.testing.assert_array_equal(effect.see(own, scene, moved), moved)
+    for of_frame in effect.motion(own, scene):
+        assert not of_frame.any()
+
+
+# derivatives
+
+
+def state(seed: int, specimen: VirtualTest) -> dict[str, float]:
+    """Every parameter off its null by a tenth to a quarter of its prior, drawn from a seed."""
+    rng = np.random.default_rng(seed)
+    out = dict(MODULI)
+    for effect in EFFECTS:
+        for p in effect.parameters:
+            null = specimen.nulls().get(f"{effect.id}.{p.name}", p.null)
+            size = rng.uniform(0.1, 0.25) * (-1.0 if rng.random() < 0.5 else 1.0) * p.prior
+            size = abs(size) if null == p.lower else size
+            out[f"{effect.id}.{p.name}"] = float(np.clip(null + size, p.lower, p.upper))
+    # a window of a micrometre's square is nothing to take a difference about
+    out["dic_smoothing.window"] = float(rng.uniform(3.0, 5.0))
+    return out
+
+
+@pytest.fixture(scope="module", params=[1, 2], ids=["first state", "second state"])
+def exact(
+    request: pytest.FixtureRequest, specimen: VirtualTest
+) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+    """A state with every effect on, and the derivative by every parameter there."""
+    values = state(request.param, specimen)
+    found = specimen.predict(values, list(values))
+    return values, dict(zip(values, found.derivative, strict=True))
+
+
+#: Part of the largest derivative by which it may miss the difference, where that is above 1e-5.
+TOLERANCES = {
+    # the neighbours of the splines change on the way, and the field jumps by less than a micrometre
+    "registration": 2e-4,
+    # means over a window on a grid jump likewise: the difference over them is rough
+    "dic_smoothing": 1e-2,
+    # together with a slipping rim: its balance under follower pressure has no symmetric tangent
+    "rim_lift": 1e-3,
+}
+
+
+def ends_of(name: str, value: float) -> tuple[tuple[float, float], float]:
+    """Values about one, a step of another size than the model's apart, and what they span."""
+    if name in MODULI:
+        step = 1e-3 * value
+    else:
+        effect, _, parameter = name.partition(".")
+        p = catalogue()[effect].parameter(parameter)
+        if p.coordinate == "square":
+            return (math.sqrt(value**2 - 1.0), math.sqrt(value**2 + 1.0)), 2.0
+        # where the parameter is steep, as the knee is, a part of itself
+        step = 3.0 * p.step if p.step < 1e-2 * p.prior else 1e-3 * p.prior
+        if effect == "clamp_slip":
+            step = 3e-3 * value
+    return (value - step, value + step), 2.0 * step
+
+
+@pytest.mark.parametrize("name", ["E1", "E2", "G12", *(n for e in EFFECTS for n in e.names)])
+def test_derivative_is_that_of_differences(
+    name: str,
+    specimen: VirtualTest,
+    exact: tuple[dict[str, float], dict[str, np.ndarray]],
+    near: dict[int, object],
+) -> None:
+    values, derivatives = exact
+    shapes = near.setdefault(id(values), specimen.shapes(values))
+    (low, high), span = ends_of(name, values[name])
+    below, above = (
+        specimen.predict({**values, name: v}, near=shapes).displacement  # type: ignore[arg-type]
+        for v in (low, high)
+    )
+    difference = (above - below) / span
+    size = np.abs(difference).max()
+    assert size > 0
+    miss = np.abs(derivatives[name] - difference).max(axis=(0, 2)) / size
+    assert miss.max() < TOLERANCES.get(name.partition(".")[0], 1e-5)
+
+
+@pytest.fixture(scope="module")
+def near() -> dict[int, object]:
+    """Shapes of the states, to start from."""
+    return {}

@@ -1,0 +1,115 @@
+"""Options, priors and effects of a fit: what they do, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.fitting.fit import fit
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.options import FitOptions, options_from
+from bulgefit.fitting.problem import Prior, Problem
+from bulgefit.model.parameters import material
+from bulgefit.model.predict import predict
+from bulgefit.model.setup import Setup
+
+Maker = Callable[..., BulgeTest]
+
+ONE = material("isotropic", E=250, nu=0.24)
+
+
+def test_an_unknown_option_names_the_nearest(make: Maker) -> None:
+    with pytest.raises(InputError, match=r"fit has no option 'bound'; did you mean bounds\?"):
+        fit(make(), bound={"E1": (1.0, 2.0)})
+    with pytest.raises(InputError, match=r"fit has no option 'xyzzy'; there are objective, mat"):
+        fit(make(), xyzzy=1)
+
+
+def test_names_given_as_one_string_are_a_list() -> None:
+    found = options_from(FitOptions(starts=3), {"effects": "clamp_slip,prestrain", "free": "nu12"})
+    assert found.effects == ("clamp_slip", "prestrain")
+    assert found.free == ("nu12",)
+    assert found.starts == 3
+    assert options_from(found, {"starts": None}).starts == 3
+
+
+def test_a_prior_pulls_by_the_closed_formula(make: Maker, setup: Setup) -> None:
+    """Near its optimum a likelihood is quadratic: means weigh by one over their variances."""
+    test = make(ONE, noise=0.3, frames=8, points=100)
+    options = {"material": "isotropic", "starts": 1, "setup": setup, "bounds": {"E": (100, 500)}}
+    free = fit(test, "likelihood", **options)
+    best = free.material.values["E"]
+    problem = Problem(
+        Objective([test], "likelihood", setup), "isotropic", bounds={"E": (100.0, 500.0)}
+    )
+    z = problem.coordinates({"E": best})
+    rows = problem.evaluate(z, derivatives=True).rows
+    assert rows is not None
+    hessian, _ = rows.normal(np.zeros(1), 0.0)
+    error = problem.value_slope(0, z) / np.sqrt(hessian[0, 0])
+    prior = Prior(best + 4.0 * error, 2.0 * error)
+    expected = (best + prior.mean / 4.0) / (1.0 + 1.0 / 4.0)
+    pulled = fit(test, "likelihood", priors={"E": prior}, **options)
+    assert pulled.material.values["E"] == pytest.approx(expected, abs=0.02 * error)
+    # the value is that of the data alone
+    assert pulled.value == pytest.approx(free.value + 0.5 * 0.8**2, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["e_w", "likelihood"])
+def test_a_belief_beyond_doubt_is_the_answer(name: str, make: Maker, setup: Setup) -> None:
+    test = make(ONE, noise=0.05, frames=8)
+    found = fit(
+        test, name, material="isotropic", starts=1, setup=setup, priors={"E": Prior(280.0, 1e-3)}
+    )
+    assert found.material.values["E"] == pytest.approx(280.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"priors": {"E9": Prior(1.0, 1.0)}}, r"prior: E9 is not fitted \(fitted: E1, E2, G12\)"),
+        ({"priors": {"E1": Prior(1.0, 0.0)}}, "prior of E1: give a finite mean and a deviation"),
+        ({"held": {"E9": 1.0}}, "hold: 'E9' is no parameter"),
+        ({"held": {"E1": 1.0}}, "hold: E1 is fitted; hold it or fit it"),
+        ({"held": {"clamp_slip.x": 1.0}}, "clamp_slip has no parameter 'x'; choose from comp"),
+        ({"effects": "clamp_slap"}, r"effect 'clamp_slap' is unknown; did you mean clamp_slip"),
+        ({"effects": "pressure_gain"}, "pressure_gain cannot be fitted: a gain of pressure is"),
+        ({"effects": "creep"}, "made: creep needs the time of its frames"),
+        (
+            {"effects": "clamp_slip", "bounds": {"clamp_slip.compliance": (0.2, 0.1)}},
+            r"bounds of clamp_slip.compliance must be finite and ascend, got 0\.2:0\.1",
+        ),
+    ],
+)
+def test_what_cannot_be_asked_for(
+    options: dict[str, object], said: str, make: Maker, setup: Setup
+) -> None:
+    with pytest.raises(InputError, match=said):
+        fit(make(), starts=1, setup=setup, **options)  # type: ignore[arg-type]
+
+
+def test_an_effect_is_found_beside_the_moduli(make: Maker, setup: Setup) -> None:
+    """What was put in by the virtual test comes back; each specimen has its own."""
+    truth = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    offsets = (0.02, -0.03)
+    tests = []
+    for i, offset in enumerate(offsets):
+        blank = make(frames=6, points=60, name=f"t{i}")
+        seen = predict(blank, truth, effects={"pressure_offset.offset": offset}, setup=setup)
+        tests.append(
+            BulgeTest.from_arrays(
+                blank.blocks[0].reference, seen.displacement, blank.pressure, name=f"t{i}"
+            )
+        )
+    found = fit(tests, effects="pressure_offset", starts=1, setup=setup)
+    for name, value in truth.items():
+        assert found.material.values[name] == pytest.approx(value, rel=2e-3)
+    for i, offset in enumerate(offsets):
+        assert found.effects_of(i) == {"pressure_offset.offset": pytest.approx(offset, abs=2e-4)}
+    entry = found.to_dict()["parameters"]["pressure_offset.offset@1"]
+    assert entry["unit"] == "bar"
+    assert entry["free"]

@@ -1,0 +1,88 @@
+"""Does a fit say how good it is: noise, structure, and what its user must know?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.fitting.fit import fit
+from bulgefit.fitting.quality import Quality
+from bulgefit.model.setup import Setup
+
+Maker = Callable[..., BulgeTest]
+
+BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
+#: mm.
+NOISE = 0.05
+
+
+def changed(test: BulgeTest, displacement: np.ndarray) -> BulgeTest:
+    """The test with other displacements."""
+    return BulgeTest.from_arrays(test.blocks[0].reference, displacement, test.pressure, name="made")
+
+
+def judged(test: BulgeTest, setup: Setup, **options: object) -> Quality:
+    return fit(test, **{"bounds": BOUNDS, "starts": 2, "setup": setup, **options}).quality
+
+
+def test_pure_noise_is_a_misfit_of_one(make: Maker, setup: Setup) -> None:
+    test = make(noise=NOISE, frames=10, points=300)
+    found = judged(test, setup)
+    # the noise is judged by medians of differences of neighbouring frames, of which six are left
+    assert found.misfit_over_noise == pytest.approx(1.0, abs=0.05)
+    assert found.structured_share is not None
+    assert found.structured_share < 0.1
+    assert found.noise_mm == pytest.approx([NOISE] * 3, rel=0.12)
+    # of the deviations of a model that does not deform all but those of the noise are explained
+    assert 0.9 < found.explained_share < 1.0
+    assert (found.agreeing, found.starts) == (2, 2)
+    assert found.warnings == []
+    assert all("is found" in text for text in found.identifiability.values())
+
+
+def test_structure_is_the_share_that_is_no_noise(make: Maker, setup: Setup) -> None:
+    test = make(noise=NOISE, frames=10, points=300)
+    block = test.blocks[0]
+    # what no modulus makes: a tilt that grows with pressure
+    wave = block.reference[:, 0] / 95.0 * np.linspace(0.2, 1.0, 10)[:, None]
+    seen = np.array(block.displacement)
+    seen[..., 2] += 0.3 * wave
+    found = judged(changed(test, seen), setup)
+    square = (0.3 * wave) ** 2
+    structure = square.mean() / 3 / NOISE**2
+    assert found.misfit_over_noise == pytest.approx(np.sqrt(1 + structure), rel=0.1)
+    assert found.structured_share == pytest.approx(structure / (1 + structure), abs=0.05)
+
+
+def test_worse_than_a_model_that_does_not_deform(make: Maker, setup: Setup) -> None:
+    """The z axis points into the specimen: no modulus bulges the other way."""
+    test = make(noise=NOISE, frames=10)
+    found = judged(
+        changed(test, test.blocks[0].displacement * [1.0, 1.0, -1.0]), setup, objective="e"
+    )
+    codes = [warned.code for warned in found.warnings]
+    assert "worse_than_undeformed" in codes
+    assert found.explained_share < 0.0
+    assert any("worse than a model that does not deform" in line for line in found.lines())
+
+
+def test_one_point_for_three_moduli(make: Maker, setup: Setup) -> None:
+    found = judged(make(noise=NOISE, frames=10), setup, objective="e_z")
+    (warned,) = [w for w in found.warnings if w.code == "too_few_points"]
+    assert warned.text.startswith("1 point for 3 parameters: they cannot all be found")
+    codes = {w.code for w in judged(make(noise=NOISE, frames=10), setup).warnings}
+    assert "too_few_points" not in codes
+
+
+def test_a_mesh_too_coarse_for_the_noise_is_said(make: Maker) -> None:
+    """What is left of the mesh's error is told beside the noise, in mm."""
+    test = make(exact=True, noise=0.002, frames=8, points=150)
+    coarse, fine = (judged(test, Setup(refine=n), starts=1) for n in (2, 4))
+    assert "mesh_error_large" in {w.code for w in coarse.warnings}
+    assert "mesh_error_large" not in {w.code for w in fine.warnings}
+    assert coarse.mesh_error_mm is not None
+    assert fine.mesh_error_mm is not None
+    assert max(fine.mesh_error_mm) < 0.2 * max(coarse.mesh_error_mm)

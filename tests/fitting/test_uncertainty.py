@@ -1,0 +1,115 @@
+"""Are standard errors the scatter that they stand for, and do they hold what was stated?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.fitting.fit import fit
+from bulgefit.fitting.minimise import descend
+from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.uncertainty import uncertainty_of
+from bulgefit.model.setup import Setup
+
+Maker = Callable[..., BulgeTest]
+
+TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
+#: Sets of noise; their scatter is known to 1/√(2 · 60) = 9 %, one standard deviation.
+SETS = 60
+
+
+def test_errors_are_the_scatter_of_many_data_sets(make: Maker, setup: Setup) -> None:
+    """By the noise alone; the larger of two estimates, which is told, lies above it."""
+    found, noise, told = [], [], []
+    for seed in range(1000, 1000 + SETS):
+        test = make(noise=0.05, frames=8, points=150, seed=seed)
+        problem = Problem(Objective([test], "likelihood", setup), bounds=BOUNDS)
+        best = descend(problem, problem.coordinates(TRUTH)).best
+        found.append(list(best.values.values()))
+        if seed % 6 == 0:
+            z = problem.coordinates(best.values)
+            shapes = problem.shapes(z, derivatives=True)
+            errors = uncertainty_of(problem, z, shapes, np.zeros(3, dtype=bool), {})
+            noise.append(list(errors.noise_stderr.values()))
+            told.append(list(errors.stderr.values()))
+    scatter = np.std(found, axis=0, ddof=1)
+    # three standard deviations of the scatter's own error
+    np.testing.assert_allclose(np.mean(noise, axis=0) / scatter, 1.0, atol=3 / np.sqrt(2 * SETS))
+    np.testing.assert_array_less(np.array(noise) * (1 - 1e-9), told)
+    np.testing.assert_array_less(told, 2.0 * np.array(noise))
+    # and no bias: three standard errors of the mean
+    off = (np.mean(found, axis=0) - list(TRUTH.values())) / (scatter / np.sqrt(SETS))
+    assert np.abs(off).max() < 3.0
+
+
+def test_what_is_at_a_bound_has_no_error_and_is_held_for_the_others(
+    make: Maker, setup: Setup
+) -> None:
+    test = make(noise=0.02, frames=8, points=150)
+    bounded = {**BOUNDS, "G12": (10.0, 20.0)}
+    found = fit(test, bounds=bounded, starts=1, setup=setup)
+    assert found.to_dict()["parameters"]["G12"]["at_bound"]
+    errors = found.uncertainty
+    assert errors.stderr["G12"] is None
+    assert errors.interval95["G12"] is None
+    assert errors.stderr["E1"] is not None
+    assert errors.interval95["E1"] is not None
+    assert all("G12" not in pair for pair in errors.correlation)
+    warned = found.quality.warnings[0]
+    assert warned.code == "at_bound"
+    assert warned.text.startswith("G12 = 20 is the bound that it was given")
+
+
+def test_intervals_are_of_the_value_and_the_parts_of_the_error(make: Maker, setup: Setup) -> None:
+    test = make(noise=0.02, frames=8, points=150)
+    stated = {"thickness": 0.02, "pressure": 0.01, "nu12": 0.03}
+    found = fit(test, bounds=BOUNDS, starts=1, setup=setup, uncertainty=stated)
+    errors = found.uncertainty
+    for name in TRUTH:
+        value, error = found.material.values[name], errors.stderr[name]
+        ends = errors.interval95[name]
+        assert error is not None
+        assert ends is not None
+        assert ends[0] < value < ends[1]
+        parts = errors.parts[name]
+        assert error == pytest.approx(np.sqrt(sum(p**2 for p in parts.values())), rel=1e-6)
+        # only E t is felt, and a gain of pressure is a gain of every modulus
+        assert parts["thickness"] == pytest.approx(0.02 * value, rel=0.02)
+        assert parts["pressure"] == pytest.approx(0.01 * value, rel=0.05)
+    # what another ratio does is what a fit with it does
+    other = fit(test, bounds=BOUNDS, starts=1, setup=setup, held={"nu12": 0.27})
+    for name in ("E1", "E2"):
+        moved = abs(other.material.values[name] - found.material.values[name])
+        assert errors.parts[name]["nu12"] == pytest.approx(moved, rel=0.1)
+
+
+def test_a_larger_clamp_is_what_a_fit_with_it_finds(make: Maker, setup: Setup) -> None:
+    test = make(noise=0.02, frames=8, points=150)
+    options = {"bounds": BOUNDS, "starts": 1, "setup": setup}
+    found = fit(test, uncertainty={"radius": 0.002}, **options)
+    other = fit(replace(test, radius=100.2), **options)
+    for name in ("E1", "E2"):
+        moved = abs(other.material.values[name] - found.material.values[name])
+        assert found.uncertainty.parts[name]["radius"] == pytest.approx(moved, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"colour": 0.1}, "uncertainty of 'colour' is not known; choose from thickness, radius"),
+        ({"radius": 2.0}, "uncertainty of radius: give a part between 0 and 1, got 2"),
+        ({"radius": 0.0}, "uncertainty of radius: give a part between 0 and 1, got 0"),
+    ],
+)
+def test_statements_that_cannot_be(
+    stated: dict[str, float], said: str, make: Maker, setup: Setup
+) -> None:
+    with pytest.raises(InputError, match=said):
+        fit(make(), bounds=BOUNDS, starts=1, setup=setup, uncertainty=stated)
