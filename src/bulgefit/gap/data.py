@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,12 @@ class Data:
             self.persistent,
             None if self.mesh is None else self.mesh[:, points],
         )
+
+    def afresh(self) -> Data:
+        """The same, by a specimen that remembers nothing of earlier solves."""
+        specimen = self.specimen.of(self.specimen.test)
+        specimen.correction = self.specimen.correction
+        return replace(self, specimen=specimen)
 
     def residual(self, prediction: Prediction) -> Floats:
         """(measured - modelled)/sigma, 0 where unused: (frames, points, 3)."""

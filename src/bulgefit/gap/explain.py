@@ -414,6 +414,8 @@ def _refit(
 ) -> Regression | None:
     """A smaller model, from where the larger one stands; None where nothing balances."""
     weighing, layout, x, near = shared
+    # what a specimen remembers of earlier solves differs from process to process, in the last bits
+    weighing = weighing.afresh()
     with one_blas_thread(), suppress(SolveError, InputError):
         return regression_of(weighing, descend(weighing, layout, model, x, near))
     return None

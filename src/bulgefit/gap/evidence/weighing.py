@@ -56,6 +56,10 @@ class Weighing:
         """Values that are compared."""
         return sum(int(d.used.sum()) for d in self.data)
 
+    def afresh(self) -> Weighing:
+        """The same, by specimens that remember nothing of earlier solves."""
+        return Weighing([d.afresh() for d in self.data], self.coordinates, self.offsets)
+
     @property
     def cost(self) -> float:
         """Of the offsets, to be added to a score: what ln det A + 2 Σ ln s is of coordinates.
