@@ -166,5 +166,5 @@ def stability(problem: Problem, shapes: Sequence[Shapes]) -> Stability:
         if one.stable_up_to is not None:
             limits.append(one.stable_up_to)
             beyond += int((test.pressure > one.stable_up_to).sum())
-    wrinkled = any(one.wrinkled for one in shapes)
+    wrinkled = any(one.wrinkled is not None and one.wrinkled.any() for one in shapes)
     return Stability(10.0 * min(limits) if limits else None, beyond, wrinkled)

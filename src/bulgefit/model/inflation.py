@@ -51,8 +51,8 @@ class Shapes:
     stable : (frames,) bool array
     stable_up_to : float or None, MPa
         Highest solved pressure below which every shape was stable; None where all are.
-    wrinkled : bool
-        Whether tension-field relaxation was active.
+    wrinkled : (frames,) array or None
+        Share of the Gauss points in tension-field relaxation; None where it is not known.
     """
 
     values: dict[str, float]
@@ -60,7 +60,7 @@ class Shapes:
     derivative: dict[str, Floats]
     stable: NDArray[np.bool_]
     stable_up_to: float | None = None
-    wrinkled: bool = False
+    wrinkled: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,8 @@ class Inflation:
         if first < len(path.stable):
             end = float(path.pressure[first - 1]) if first else 0.0
         shapes = self._at(path, pressure)
-        return Shapes(values, shapes, derivative, at < first, end, bool(path.wrinkled.any()))
+        wrinkled = path.wrinkled[at] / (4.0 * len(path.cells))
+        return Shapes(values, shapes, derivative, at < first, end, wrinkled)
 
     def _by_pressure(self, path: Path, pressure: Floats) -> Floats:
         """∂u/∂p (frames, n, 3) mm/MPa, by a difference of the dense output in p^(1/3)."""
@@ -232,13 +233,13 @@ class Inflation:
             guesses[:, self.mesh.rim, 2] = given.lift
         forces = _Forces(self, membrane, given.stiffness, changes)
 
-        def one(frame: int) -> tuple[Floats, bool, bool, Floats]:
+        def one(frame: int) -> tuple[Floats, bool, int, Floats]:
             if rest[frame]:
                 still = np.zeros_like(guesses[frame])
-                return still, True, False, np.zeros((len(changes), *still.shape))
+                return still, True, 0, np.zeros((len(changes), *still.shape))
             balance = _solved(membrane, guesses[frame], pressure[frame], given.stiffness, values)
             fields = forces.fields(balance, frame)
-            return balance.displacement, balance.stable, balance.wrinkled > 0, fields
+            return balance.displacement, balance.stable, balance.wrinkled, fields
 
         frames = side_by_side(one, range(len(pressure)), threads)
         shapes, stable, wrinkled, fields = zip(*frames, strict=True)
@@ -250,7 +251,7 @@ class Inflation:
             dict(zip(changes, columns, strict=True)),
             np.array(stable),
             float(pressure[pressure < lost].max(initial=0.0)) if np.isfinite(lost) else None,
-            any(wrinkled),
+            np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
         )
 
     def _guesses(
