@@ -7,12 +7,17 @@ import tracemalloc
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fitting.fit import fit
 
 
 def test_fits_leave_nothing_behind(make: Callable[..., BulgeTest], setup: Any) -> None:
-    """Less than the displacements of one level of one path, for each of five fits."""
+    """Less than the displacements of one level of one path for each fit, in some run of three.
+
+    What is made once stays (a code path that is first taken); what leaks grows in every run.
+    """
     test = make(noise=0.05)
     bounds = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
     level = 3 * 57 * setup.refine**2 * 8  # bytes; a mesh has about as many nodes as cells
@@ -25,7 +30,7 @@ def test_fits_leave_nothing_behind(make: Callable[..., BulgeTest], setup: Any) -
 
     tracemalloc.start()
     try:
-        before = held(range(2))
-        assert held(range(2, 7)) - before < 5 * level
+        after = [held(range(first, first + 3)) for first in (0, 3, 6, 9)]
+        assert min(np.diff(after)) < 3 * level
     finally:
         tracemalloc.stop()

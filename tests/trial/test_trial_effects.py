@@ -295,7 +295,7 @@ def test_motions_turn_points_where_they_stand(setting):
     assert (moved - as_flat)[..., 0].max() == pytest.approx(4.0 * np.sin(np.deg2rad(1.0)), rel=2e-2)
 
 
-LIFT = {"rim_lift__amplitude": 0.5, "rim_lift__direction": 30.0, "rim_lift__pressure": 2.0}
+LIFT = {"rim_lift__amplitude": 0.5, "rim_lift__direction": 30.0, "rim_lift__shape": 0.5}
 
 
 def test_rim_lifts_on_one_side_and_levels_off(setting):

@@ -12,14 +12,15 @@ from bulgefit.effects.places import Clamping
 
 __all__ = ["EFFECT"]
 
-#: Pressure (MPa) at which half of the first rate of the lift is gone, over that of `shape`.
+#: MPa.
 _BAR = 0.1
 
 
 class RimLift(Effect):
-    """The rim rises by amplitude · max(0, cos(φ - direction)) · g(p), g(p) = p/(1 + shape p), bar.
+    """The rim rises by amplitude max(0, cos(φ - direction)) (1 - exp(-shape p))/shape, p in bar.
 
-    A plate that lifts off on one side: never below its seat, concave in pressure.
+    A plate that lifts off on one side: never below its seat, concave in pressure, at first in
+    proportion to it.
     """
 
     id = "rim_lift"
@@ -63,7 +64,8 @@ class RimLift(Effect):
         if own["amplitude"] == 0.0:
             return clamping
         bar = np.maximum(clamping.pressure, 0.0) / _BAR
-        rise = own["amplitude"] * bar / (1.0 + own["shape"] * bar)
+        shape = own["shape"]
+        rise = own["amplitude"] * (-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
         side = np.maximum(np.cos(clamping.angle - np.deg2rad(own["direction"])), 0.0)
         return replace(clamping, lift=clamping.lifted(np.outer(rise, side)))
 

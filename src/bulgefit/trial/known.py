@@ -38,8 +38,8 @@ def _rim_lift(rng: Generator) -> dict[str, float]:
     # a plate under bolts: up to 0.6 mm/bar at first, and less the farther it is off
     return {
         "amplitude": size(rng, 0.1, 0.6),
-        "direction": float(rng.uniform(0.0, 360.0)),
-        "pressure": size(rng, 1.5, 6.0),
+        "direction": float(rng.uniform(-180.0, 180.0)),
+        "shape": 1.0 / size(rng, 1.5, 6.0),
     }
 
 

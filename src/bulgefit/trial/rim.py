@@ -51,9 +51,9 @@ def course_of(drawn: Draw, recorded: Floats, time: Floats) -> Course:
     if {"clamp_slip", "clamp_creep", "slipping_sector"} & {*drawn.effects}:
         more = drawn.get("clamp_creep.compliance") * decades(time)
         compliance = drawn.get("clamp_slip.compliance") + more
-    # a plate that lifts off: stiff once it has moved, P (1 - exp(-p/P)), at first p
-    full = drawn.get("rim_lift.pressure", 1.0)
-    rise = drawn.get("rim_lift.amplitude") * full * -np.expm1(-bar / full)
+    # a plate that lifts off: stiff once it has moved, (1 - exp(-s p))/s, at first p
+    shape = drawn.get("rim_lift.shape", 1.0)
+    rise = drawn.get("rim_lift.amplitude") * -np.expm1(-bar * shape) / shape
     return Course(pressure, 1.0 - drawn.get("creep.rate") * decades(time), compliance, rise)
 
 
