@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from bulgefit.effects.registry import catalogue, fields
+from bulgefit.errors import SolveError
+from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
 from bulgefit.gap.evidence.descend import descend
@@ -157,6 +159,18 @@ def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     # correlated noise is granted its inflation
     granted = replace(data, inflation=expected)
     assert temper([granted], [off], free=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_tangent_that_cannot_be_solved_is_no_shape(
+    data: Data, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> None:
+        raise NotPositiveDefiniteError("zero pivot 1")
+
+    weighing, layout = weighing_of([data])
+    monkeypatch.setattr(data.specimen, "predict", fails)
+    with pytest.raises(SolveError, match="zero pivot 1"):
+        weighing.linearise(layout.null, np.arange(3))
 
 
 def test_thinned_points_count_for_as_many(data: Data) -> None:

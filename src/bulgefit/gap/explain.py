@@ -266,10 +266,11 @@ def _searched(
         plain.ways.every()
     else:
         plain.ways.by_elimination()
-    if plain.search.fits and plain.is_content:
+    if not plain.search.fits:
+        plain.ways.from_below()
+    if plain.is_content:
         plain.finish()
         return plain.search, None
-    plain.ways.from_below()
     sizes = _offset_sizes(data, plain.regression)
     creased = None
     if any(size.any() for size in sizes):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
 from bulgefit.errors import SolveError
+from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
@@ -95,7 +96,12 @@ class Weighing:
     ) -> Prediction:
         """One specimen's displacements with derivatives by some of its coordinates."""
         names = [self.coordinates.every[c].key.name for c in columns]
-        return self.data[index].specimen.predict(self.coordinates.values(x, index), names, near)
+        specimen, values = self.data[index].specimen, self.coordinates.values(x, index)
+        try:
+            return specimen.predict(values, names, near)
+        except NotPositiveDefiniteError as error:
+            # moduli so far off that a tangent is nothing to the last digit
+            raise _no_shape(f"the tangent cannot be solved ({error})", values) from error
 
     def _gram(self, index: int, rows: Floats) -> Floats:
         """Products of rows (k, frames, points, 3), the offsets and the mesh's error taken off."""
@@ -154,11 +160,15 @@ def _loses_stability(before: Shapes, after: Shapes) -> bool:
 def _lost_stability(d: Data, found: Prediction) -> SolveError:
     """Beyond it fields are as wild as the mesh allows: no step leads there."""
     first = float(d.specimen.recorded[~found.shapes.stable].min())
+    return _no_shape("the fabric loses its stability", found.shapes.values, first)
+
+
+def _no_shape(reason: str, values: Mapping[str, float], pressure: float = 0.0) -> SolveError:
     return SolveError(
-        "the fabric loses its stability",
-        pressure=first,
-        reached=first,
+        reason,
+        pressure=pressure,
+        reached=pressure,
         iteration=0,
         residual_norm=0.0,
-        parameters=found.shapes.values,
+        parameters=values,
     )
