@@ -68,11 +68,14 @@ class Description:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the specimen is flat, even, held all round, its warp along x: shapes mirror."""
+        """Whether the specimen is flat, even, held all round, its warp along x: shapes mirror.
+
+        And neither slack nor taut at rest: else paths do not begin as a flat membrane's do.
+        """
         fabric = self.fabric
         uneven = fabric.surface is not None or fabric.thickness is not None
         moves = fabric.compliance is not None or self.lift is not None
-        return not (uneven or moves) and self.angle == 0.0
+        return not (uneven or moves or any(fabric.slack)) and self.angle == 0.0
 
     def lies_as(self, other: Description) -> bool:
         """Whether all but the law's parameters and the load is as in another one."""
