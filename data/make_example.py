@@ -100,7 +100,7 @@ def _seen(points: np.ndarray, refine: int) -> np.ndarray:
     made = simulate(TRUTH, PRESSURE, mesh=disc(RADIUS, refine), thickness=THICKNESS)
     if not made.stable or made.wrinkled.any():
         raise InputError("the example leaves the range in which its fabric is stable and taut")
-    return operators(made.mesh, points, "shape")(made.displacement)
+    return operators(made.mesh, points)(made.displacement)
 
 
 def _points(rng: np.random.Generator) -> np.ndarray:

@@ -35,18 +35,22 @@ def test_python_runs(monkeypatch, capsys):
     space: dict = {}
     exec(compile(code, "README.md", "exec"), space)
     found = space["result"].material.values
-    # what the README says: 330, 240 and 30 were put in, the rest is the default mesh's error
-    assert [found[m] for m in ("E1", "E2", "G12")] == pytest.approx([328, 237.3, 28.8], rel=2e-3)
+    # what the README says; 330, 240 and 30 were put in
+    said, truth, errors = [329.98, 240.01, 30.02], [330.0, 240.0, 30.0], [0.04, 0.02, 0.03]
+    values = [found[m] for m in ("E1", "E2", "G12")]
+    for value, figure, true, error in zip(values, said, truth, errors, strict=True):
+        assert value == pytest.approx(figure, abs=0.2 * error)
+        assert abs(value - true) < 2.0 * error
     assert space["result"].failures == 0
-    assert capsys.readouterr().out.startswith("e_w = ")
+    assert capsys.readouterr().out.startswith("misfit ")
 
 
-def test_a_finer_mesh_comes_nearer(capsys):
-    options = ["--bounds", "E1=300:360,E2=220:260,G12=25:35", "--refine", "8", "--starts", "1"]
-    assert cli.main(["fit", str(EXAMPLE), *options, "--json", "-", "--quiet"]) == 0
+def test_the_error_of_the_mesh_is_larger_than_that_of_the_noise(capsys):
+    options = ["--keep-mesh-error", "--starts", "1", "--json", "-", "--quiet"]
+    assert cli.main(["fit", str(EXAMPLE), *options]) == 0
     found = json.loads(capsys.readouterr().out)["parameters"]
-    values = [found[m]["value"] for m in ("E1", "E2", "G12")]
-    assert values == pytest.approx([329.4, 239.3, 29.7], rel=2e-3)
+    for name, true in (("E1", 330.0), ("E2", 240.0), ("G12", 30.0)):
+        assert true - found[name]["value"] > 10.0 * found[name]["stderr"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

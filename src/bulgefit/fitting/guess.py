@@ -23,9 +23,10 @@ _BOUNDS: Mapping[str, tuple[float, float]] = {
 _STARTS: Mapping[str, tuple[float, float]] = {
     "E1": (1 / 2, 2.0),
     "E2": (1 / 2, 2.0),
-    "E": (1 / 2, 2.0),
+    # of an isotropic sheet E/G lies between 2 and 3
+    "E": (0.9, 1.1),
     "G12": (1 / 40, 1 / 5),
-    "G": (1 / 5, 1 / 2),
+    "G": (0.37, 0.44),
 }
 
 
