@@ -219,7 +219,7 @@ def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> No
     """A thin specimen is stable up to 1.5 bar, a thick one everywhere, another one nowhere."""
     thin, thick, other = (
         SimpleNamespace(stable_up_to=limit, wrinkled=wet)
-        for limit, wet in ((0.15, False), (None, True), (0.0, False))
+        for limit, wet in ((0.15, np.zeros(2)), (None, np.array([0.02, 0.0])), (0.0, np.zeros(2)))
     )
 
     def of(*shapes: SimpleNamespace) -> Stability:

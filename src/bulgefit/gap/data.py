@@ -67,6 +67,9 @@ class Data:
         Share of the noise's variance that is the same in every frame.
     mesh : (frames, points, 3) array or None, mm
         What the correction leaves of the mesh's error; None where it is not known.
+    trust : (frames,) array or None
+        Noise over noise and the model's own doubt, of frames in which the fabric wrinkles; None:
+        1 everywhere.
     """
 
     specimen: Specimen
@@ -75,6 +78,7 @@ class Data:
     inflation: float = 1.0
     persistent: float = 0.0
     mesh: Floats | None = None
+    trust: Floats | None = None
     blocks: Blocks = field(init=False)
 
     def __post_init__(self) -> None:
@@ -99,6 +103,7 @@ class Data:
             1.0 + (self.inflation - 1.0) / every,
             self.persistent,
             None if self.mesh is None else self.mesh[:, points],
+            self.trust,
         )
 
     def afresh(self) -> Data:
@@ -108,6 +113,16 @@ class Data:
         return replace(self, specimen=specimen)
 
     def residual(self, prediction: Prediction) -> Floats:
-        """(measured - modelled)/sigma, 0 where unused: (frames, points, 3)."""
-        difference = (self.specimen.measured - prediction.displacement) / self.sigma
+        """(measured - modelled) over noise and doubt, 0 where unused: (frames, points, 3)."""
+        difference = (self.specimen.measured - prediction.displacement) * self.weight
         return np.where(self.used, difference, 0.0)
+
+    @property
+    def weight(self) -> Floats:
+        """One over noise and doubt, 0 where unused: (frames, points, 3), 1/mm."""
+        return np.asarray(self.used * self.share[:, None, None] / self.sigma)
+
+    @property
+    def share(self) -> Floats:
+        """`trust`, 1 where it was not judged: (frames,)."""
+        return np.ones(len(self.used)) if self.trust is None else self.trust

@@ -417,6 +417,12 @@ def _left_out(prepared: Sequence[Prepared]) -> list[str]:
                 f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
                 "in bands there (soft shear), which no mesh-independent model follows"
             )
+        doubted = int((p.data.share < 1.0).sum())
+        if doubted:
+            out.append(
+                f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
+                "slack and wrinkles; what no model follows there counts as noise"
+            )
         if p.strays:
             out.append(
                 f"{name}: {p.strays} of {p.data.used.any(axis=2).sum() + p.strays} points of all "

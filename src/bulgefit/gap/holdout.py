@@ -8,7 +8,7 @@ the frames between.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,7 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
 def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
     """The same with some frames alone in use."""
     used = data.used & frames[:, None, None]
-    return Data(data.specimen, data.sigma, used, data.inflation, data.persistent)
+    return replace(data, used=used)
 
 
 def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:

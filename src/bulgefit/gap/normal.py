@@ -153,7 +153,7 @@ def normal_equations(
     kept, held = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, size))
     for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
         names, places = names_of(keys, index, several)
-        weight = d.used / d.sigma
+        weight = d.weight
         rows = np.empty((len(names) + 1, *weight.shape))
         for row, name, derivative in zip(rows[:-1], names, p.derivative, strict=True):
             np.multiply(derivative, chain_factor(name, p.shapes.values) * weight, out=row)

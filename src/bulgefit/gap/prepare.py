@@ -36,6 +36,9 @@ LEAST_POINTS, LEAST_FRAMES = 60, 5
 #: Standard deviation of the points across their longest direction, relative to the clamp radius;
 #: points all over the disc have 0.5.
 LEAST_WIDTH = 0.02
+#: Share of the area that is slack, above which models of the same fabric differ by several noise
+#: units (measured on made tests of two programs).
+SLACK = 0.01
 #: Roughness of a frame over that of the light ones above which the fabric has localised.
 ROUGH = 2.5
 
@@ -220,12 +223,30 @@ def fix_units(prepared: Prepared, shapes: Shapes) -> None:
     modelled = specimen.observe(shapes).displacement
     renew_noise(prepared, modelled)
     drop_outliers(prepared, modelled)
+    data.trust = _trust(data, modelled, shapes)
     left = mesh_remainder(specimen, shapes)
     if left is not None and specimen.correction is not None:
         once = specimen.correction
         specimen.correction = once + left
         data.mesh = specimen.observe(shapes).displacement - modelled
         specimen.correction = once
+
+
+def _trust(data: Data, modelled: Floats, shapes: Shapes) -> Floats:
+    """Noise over noise and the model's own doubt, (frames,).
+
+    Where part of the fabric is slack, tension-field theory says which tension it has but not where
+    its wrinkles lie: there honest models differ by more than the noise, and what the best of them
+    leaves in such a frame, every effect being free, is variance of the model.
+    """
+    if shapes.wrinkled is None:
+        return np.ones(len(data.used))
+    units = np.where(data.used, (data.specimen.measured - modelled) / data.sigma, np.nan)
+    seen = data.used.any(axis=(1, 2))
+    square = np.ones(len(units))
+    square[seen] = np.nanmean(units[seen] ** 2, axis=(1, 2))
+    doubtful = shapes.wrinkled > SLACK
+    return np.where(doubtful, 1.0 / np.sqrt(np.maximum(square, 1.0)), 1.0)
 
 
 def _size(field: Floats | None) -> Floats:

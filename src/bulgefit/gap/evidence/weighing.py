@@ -71,7 +71,7 @@ class Weighing:
         if self.offsets is None:
             return 0.0
         return sum(
-            float(np.log1p(d.used.sum(axis=0) * (t / d.sigma) ** 2).sum()) / d.inflation
+            float(np.log1p(_frames_that_count(d) * (t / d.sigma) ** 2).sum()) / d.inflation
             for d, t in zip(self.data, self.offsets, strict=True)
         )
 
@@ -107,7 +107,7 @@ class Weighing:
         """Products of rows (k, frames, points, 3), the offsets and the mesh's error taken off."""
         d = self.data[index]
         if d.mesh is not None:
-            rows = np.concatenate([rows, np.where(d.used, d.mesh / d.sigma, 0.0)[None]])
+            rows = np.concatenate([rows, np.where(d.used, d.mesh, 0.0)[None] * d.weight])
         flat = rows.reshape(len(rows), -1)
         upper = dsyrk(1.0, flat.T, trans=1)
         gram = upper + np.triu(upper, 1).T
@@ -120,7 +120,7 @@ class Weighing:
 
         (columns + 1, frames, points, 3).
         """
-        weight = d.used / d.sigma
+        weight = d.weight
         rows = np.empty((len(columns) + 1, *weight.shape))
         for row, c, derivative in zip(rows[:-1], columns, found.derivative, strict=True):
             coordinate = self.coordinates.every[c]
@@ -130,15 +130,20 @@ class Weighing:
         return rows
 
 
+def _frames_that_count(d: Data) -> Floats:
+    """Of each point's components (points, 3)."""
+    return np.tensordot(d.share**2, d.used, 1)
+
+
 def _of_offsets(d: Data, prior: Floats, rows: Floats) -> Floats:
     """What offsets of the points take off products of rows.
 
     With the sum S of a point's rows over its n frames and a prior of t noise units, the best offset
-    takes SSᵀ/(n + 1/t²) off.
+    takes SSᵀ/(n + 1/t²) off; frames count by their trust.
     """
-    number, square = d.used.sum(axis=0), (prior / d.sigma) ** 2
+    number, square = _frames_that_count(d), (prior / d.sigma) ** 2
     share = np.sqrt(square / (1.0 + number * square))
-    sums = (rows.sum(axis=1) * share).reshape(len(rows), -1)
+    sums = (np.tensordot(rows, d.share, (1, 0)) * share).reshape(len(rows), -1)
     return np.asarray(sums @ sums.T)
 
 
