@@ -61,8 +61,8 @@ def main() -> int:
         "",
         f"Made by `python benchmarks/practice.py` ({platform.machine()}, Python "
         f"{platform.python_version()}). The program that made them, and",
-        "its mesh, are not bulgefit's. In brackets: of causes their probability, of moduli the error in standard "
-        "errors.",
+        "its mesh, are not bulgefit's. In brackets: of causes their probability, of moduli the "
+        "error in standard errors.",
         "",
         "| test | truth | verdict | causes | E1 | E2 | G12 | s |",
         "|---|---|---|---|---|---|---|---|",
