@@ -59,6 +59,7 @@ class NonlinearMaterial(Effect):
                 reason="knees of coated fabrics lie at 1 to 3 % strain",
                 step=1e-5,
                 start=0.015,
+                coordinate="log",  # a knee at no strain would be that of another modulus
             )
             for name in _KNEES[2:]
         ),
