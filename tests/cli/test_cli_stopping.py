@@ -25,6 +25,11 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="sends POSIX signals"
 Starter = Callable[..., subprocess.Popen[str]]
 
 
+def _heeds_interrupts() -> None:
+    """What a shell starts in the background ignores SIGINT, and so do its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def start() -> Iterator[Starter]:
     """Run Python in a session of its own, as a terminal's; ended after the test."""
@@ -35,6 +40,7 @@ def start() -> Iterator[Starter]:
             subprocess.Popen(
                 [sys.executable, *map(str, words)],
                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+                preexec_fn=_heeds_interrupts,
             )
         )  # fmt: skip
         return started[-1]
