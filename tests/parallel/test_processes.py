@@ -18,6 +18,11 @@ PARENT = Path(__file__).with_name("parent.py")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="ends processes by POSIX signals")
 
 
+def _heeds_interrupts() -> None:
+    """What a shell starts in the background ignores SIGINT, and so do its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def parent(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """A process with three workers: one in a kernel, one asleep, one idle."""
@@ -26,7 +31,7 @@ def parent(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     # in a session of its own, as a terminal's: a signal can be sent to all of it
     started = subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
-        env={**os.environ, "TMPDIR": str(tmp_path / "sent")},
+        env={**os.environ, "TMPDIR": str(tmp_path / "sent")}, preexec_fn=_heeds_interrupts,
     )  # fmt: skip
     marks = [tmp_path / f"worker{item}" for item in range(3)]
     while not all(mark.exists() and mark.read_text() for mark in marks):
