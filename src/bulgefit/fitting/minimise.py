@@ -44,7 +44,7 @@ class Stop(Enum):
     FLAT = "converged: no step lowers the linearised objective"
     SHORT = "converged: steps are below the parameter tolerance"
     RESOLVED = "converged: steps are below what the solver resolves"
-    CREEPING = "converged: steps lower the objective by far less than its own error"
+    CREEPING = "converged: steps change no parameter by more than a part of its error"
     LIMIT = "evaluation limit reached"
     NO_START = "no equilibrium from this start"
     FAILED = "every evaluation failed"

@@ -292,14 +292,12 @@ class Problem:
         return value * inflation / self.objective.count
 
     def least_fall(self, value: float) -> float:
-        """A hundredth of the objective's own standard error: less tells no parameter.
+        """What a tenth of a parameter's standard error changes the objective by at its optimum.
 
-        Of a mean of n absolute deviations it is about value/√n; minus the logarithm of a
-        likelihood is known to a half.
+        A whole one changes minus the logarithm of a likelihood by a half, and so n ln F of a sum
+        of absolute deviations F over n values.
         """
-        if self.objective.squared:
-            return 0.005
-        return 0.01 * value / float(np.sqrt(self.objective.count))
+        return 0.005 if self.objective.squared else 0.005 * value / self.objective.count
 
     def worst(self) -> float:
         """The objective of a model that does not deform: worse than any that does."""
