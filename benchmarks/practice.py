@@ -62,7 +62,7 @@ def main() -> int:
         f"Made by `python benchmarks/practice.py` ({platform.machine()}, Python "
         f"{platform.python_version()}). The program that made them, and",
         "its mesh, are not bulgefit's. In brackets: of causes their probability, of moduli the "
-        "error in standard errors.",
+        "error in standard errors. The tests were at hand while the diagnosis was built.",
         "",
         "| test | truth | verdict | causes | E1 | E2 | G12 | s |",
         "|---|---|---|---|---|---|---|---|",

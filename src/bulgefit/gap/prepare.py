@@ -37,7 +37,7 @@ LEAST_POINTS, LEAST_FRAMES = 60, 5
 #: points all over the disc have 0.5.
 LEAST_WIDTH = 0.02
 #: Share of the area that is slack, above which models of the same fabric differ by several noise
-#: units (measured on made tests of two programs).
+#: units. Taken from experience with made tests, not derived.
 SLACK = 0.01
 #: Roughness of a frame over that of the light ones above which the fabric has localised.
 ROUGH = 2.5
