@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
+from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR, chosen_effects
 from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
 from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
@@ -33,7 +34,7 @@ from bulgefit.gap.prepare import (
     settle,
 )
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.separate import Pair, indistinguishable
+from bulgefit.gap.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
@@ -287,8 +288,7 @@ def diagnose(
             "noise_floor": noise_gap(data, weight),
         }
         pairs = indistinguishable(found.known)
-        if any(e.never_separable for e in candidates):
-            pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
+        pairs[:0] = [Pair((e.id, STIFFNESS), 1.0) for e in candidates if e.never_separable]
         causes = _causes(found)
         advice = advise(data, found)
         met, unmet = None, list[str]()
@@ -298,8 +298,7 @@ def diagnose(
                 met = judge_held_out(kept_out, found, weight)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
-            if "creep" in found.groups and kept_out.data.specimen.time is None:
-                unmet.append("the held-out test has no time: it was met without creep")
+            unmet += _lacked(kept_out, found)
     return Diagnosis(
         verdict=_verdict(found),
         causes=causes,
@@ -332,6 +331,17 @@ def _same_ratio(tests: Sequence[BulgeTest]) -> None:
             "but specimens judged together share the material: diagnose them one by one, or state "
             "one ratio in their files"
         )
+
+
+def _lacked(kept_out: Prepared, found: Explanation) -> list[str]:
+    """Shared effects that a held-out test was met without, since it lacks what they need."""
+    effects = [CATALOGUE[effect_of(group)] for group in found.groups if not is_field(group)]
+    return [
+        f"the held-out test has no {need}: it was met without {effect.id}"
+        for effect in effects
+        for need in effect.needs
+        if getattr(kept_out.data.specimen.test, need) is None
+    ]
 
 
 def _baseline(prepared: Sequence[Prepared]) -> Regression:
@@ -376,13 +386,12 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
     errors = found.final.standard_errors()
     parameters, at_bound = {}, False
     for key in found.groups[group]:
-        name = key.partition(".")[2]
         value = found.final.values[key]
         at_bound |= at_edge(key, value)
-        parameters[name] = {
+        parameters[_own_name(key)] = {
             "value": float(value),
             "stderr": float(errors[key]),
-            "unit": effect.parameter(name.partition("@")[0]).unit,
+            "unit": effect.parameter(key.parameter).unit,
             "pull": evidence.pulls[key],
         }
     share, reduction, bias = None, None, {}
@@ -391,7 +400,7 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         gained = left - found.final.held_out()
         share = float(np.clip(gained / excess, 0.0, 1.0))
         reduction = float(gained / left)
-        bias = {m: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
+        bias = {m.name: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
     return Cause(
         effect=effect.id,
         specimen=specimen_of(group),
@@ -405,6 +414,11 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         bias_held=without is not None and without.held,
         partial=not found.complete,
     )
+
+
+def _own_name(key: Key) -> str:
+    """The parameter's name, and whose it is, as the JSON has them beside the effect's."""
+    return key.parameter if key.specimen is None else f"{key.parameter}@{key.specimen}"
 
 
 def _left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -461,11 +475,11 @@ def _held(found: Explanation) -> list[str]:
 def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
     errors = fit.standard_errors()
     return {
-        m: {
+        m.name: {
             "value": float(fit.values[m]),
             "stderr": float(errors[m]),
             "unit": "MPa",
-            "held": fit.held and m == "G12",
+            "held": fit.held and m == SHEAR,
         }
         for m in MODULI
     }

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 from bulgefit.effects.registry import fields
 from bulgefit.gap.diagnosis import Cause, Diagnosis
-from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR
 from bulgefit.gap.evidence.coordinates import effect_of
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.explain import FoundField
 from bulgefit.gap.locate import azimuthal_modes
+from bulgefit.gap.separate import STIFFNESS
 from bulgefit.gap.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
 from bulgefit.report._diagnosis_parts import data_of
@@ -260,7 +261,7 @@ def _worth(cause: Cause) -> Iterator[str]:
         else "On data that was not fitted the others would do as well without it."
     )
     biased = [
-        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause.bias_held else ''}"
+        f"{m} comes out {'at least ' if m == SHEAR.name and b < 0 and cause.bias_held else ''}"
         f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
         for m, b in cause.bias_if_omitted.items()
         if abs(b) >= 0.005
@@ -296,8 +297,8 @@ def _moduli(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         errors = fit.standard_errors()
         texts.append([value_text(fit.values[m], errors[m]) for m in MODULI])
         if fit.held:
-            texts[-1][MODULI.index("G12")] = f"{fit.values['G12']:.3g} at most"
-    return list(zip(MODULI, *texts, strict=True))
+            texts[-1][MODULI.index(SHEAR)] = f"{fit.values[SHEAR]:.3g} at most"
+    return list(zip((m.name for m in MODULI), *texts, strict=True))
 
 
 def _shrinkage(diagnosis: Diagnosis) -> str:
@@ -370,8 +371,11 @@ def _actions(diagnosis: Diagnosis) -> list[str]:
             "Film some ten images at rest before inflation: the noise had to be judged from the "
             "field itself."
         )
-    if "creep" in diagnosis.skipped:
-        items.append("Record the time of every frame: without it creep cannot be tried.")
+    items += [
+        f"Record the {need} of every frame: without it {effect} cannot be tried."
+        for effect in diagnosis.skipped
+        for need in CATALOGUE[effect].needs
+    ]
     return items
 
 
@@ -413,11 +417,13 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
                 f"{name}: the mesh's error, {sizes} µm, was taken off by Richardson's "
                 f"extrapolation; about {left} µm are left."
             )
-    if any("stiffness" in pair.effects for pair in diagnosis.pairs):
-        items.append(
-            "pressure_gain and stiffness can never be told apart by a bulge test: a gauge that "
-            "reads 1 % too high makes every modulus 1 % too high."
-        )
+    for pair in diagnosis.pairs:
+        if STIFFNESS in pair.effects:
+            effect = CATALOGUE[pair.effects[0]]
+            items.append(
+                f"{effect.id} and {STIFFNESS} can never be told apart by a bulge test: "
+                f"{effect.never_separable}."
+            )
     return [*items, *_alike(diagnosis)]
 
 
