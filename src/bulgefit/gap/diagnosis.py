@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
 from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
 from bulgefit.gap.keys import at_edge
-from bulgefit.gap.locate import Mode, azimuthal_modes
+from bulgefit.gap.locate import Growth, Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
     Prepared,
@@ -38,13 +39,25 @@ from bulgefit.gap.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
-__all__ = ["VERDICTS", "Cause", "Diagnosis", "diagnose"]
+__all__ = ["Cause", "Diagnosis", "Verdict", "diagnose"]
 
 #: Version of the JSON.
 FORMAT = 2
-#: Verdicts: nothing need be added; the causes are sure; sets of causes; the causes are sure, and
-#: something else is left; nothing is sure.
-VERDICTS = ("none", "named", "ambiguous", "partial", "unknown")
+
+
+class Verdict(StrEnum):
+    """What a diagnosis comes to."""
+
+    #: Nothing need be added.
+    NONE = "none"
+    #: The causes are sure.
+    NAMED = "named"
+    #: Sets of causes.
+    AMBIGUOUS = "ambiguous"
+    #: Causes are sure, and something else is left.
+    PARTIAL = "partial"
+    #: Nothing is sure.
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -98,7 +111,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {"none", "named", "ambiguous", "partial", "unknown"}
+    verdict : Verdict
     causes : list of Cause
     prepared : list of Prepared
     explanation : Explanation
@@ -113,7 +126,7 @@ class Diagnosis:
         How a specimen that was kept out is met.
     """
 
-    verdict: str
+    verdict: Verdict
     causes: list[Cause]
     prepared: list[Prepared]
     explanation: Explanation
@@ -150,7 +163,7 @@ class Diagnosis:
                 ),
             },
             "where": [_cell_dict(c) for c in start.cells if abs(c.significance) > 3.0][:40],
-            "modes": [_mode_dict(m) for m in self.modes if m.growth != "within noise"],
+            "modes": [_mode_dict(m) for m in self.modes if m.growth is not Growth.NONE],
             "parameters": {
                 "baseline": _moduli(self.explanation.baseline),
                 "corrected": _moduli(self.explanation.final),
@@ -365,13 +378,13 @@ def _few_frames(data: Data) -> Data:
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 
-def _verdict(found: Explanation) -> str:
+def _verdict(found: Explanation) -> Verdict:
     causes = [e for group, e in found.evidence.items() if not is_field(group)]
     if not found.complete:
-        return "partial" if any(e.sure for e in causes) else "unknown"
+        return Verdict.PARTIAL if any(e.sure for e in causes) else Verdict.UNKNOWN
     if not causes:
-        return "none"
-    return "named" if all(e.sure for e in causes) else "ambiguous"
+        return Verdict.NONE
+    return Verdict.NAMED if all(e.sure for e in causes) else Verdict.AMBIGUOUS
 
 
 def _causes(found: Explanation) -> list[Cause]:

@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from bulgefit.dic.noise import Source
 from bulgefit.effects.registry import fields
-from bulgefit.gap.diagnosis import Cause, Diagnosis
+from bulgefit.gap.diagnosis import Cause, Diagnosis, Verdict
 from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR
 from bulgefit.gap.evidence.coordinates import effect_of
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.explain import FoundField
-from bulgefit.gap.locate import azimuthal_modes
+from bulgefit.gap.locate import Growth, azimuthal_modes
 from bulgefit.gap.separate import STIFFNESS
 from bulgefit.gap.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
@@ -155,18 +156,18 @@ def _listed(items: Sequence[str], last: str = "and") -> str:
 def _verdict(diagnosis: Diagnosis) -> str:
     causes = diagnosis.causes
     named = _listed([_called(c) for c in causes])
-    if diagnosis.verdict == "none":
+    if diagnosis.verdict is Verdict.NONE:
         return "The model with its moduli alone is good to the noise; nothing need be added."
-    if diagnosis.verdict == "named":
+    if diagnosis.verdict is Verdict.NAMED:
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
-    if diagnosis.verdict == "ambiguous":
+    if diagnosis.verdict is Verdict.AMBIGUOUS:
         return (
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
     places = _listed([_place(f) for f in diagnosis.explanation.fields])
     left = f"something that has no name sits in {places}" if places else "structure is left"
-    if diagnosis.verdict == "partial":
+    if diagnosis.verdict is Verdict.PARTIAL:
         sure = _listed([_called(c) for c in causes if c.probability >= SURE])
         return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
@@ -334,24 +335,15 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
     modes = [
         m
         for m in azimuthal_modes(data_of(diagnosis), diagnosis.explanation.final)
-        if m.growth != "within noise"
+        if m.growth is not Growth.NONE
     ]
     modes.sort(key=lambda m: -float(abs(m.amplitude).max()) / m.noise)
     items += [
         f"It looks like {m.component} m = {m.order}, up to {abs(m.amplitude).max():.3g} mm, "
-        f"{_growth(m.growth)}{f' ({m.test})' if several else ''}."
+        f"{m.growth.words}{f' ({m.test})' if several else ''}."
         for m in modes[:_MOST_MODES]
     ]
     return items
-
-
-def _growth(growth: str) -> str:
-    return {
-        "constant": "constant in pressure",
-        "p^(1/3)": "growing like the bulge itself, as p^(1/3)",
-        "growing": "growing in proportion to pressure",
-        "mixed": "changing with pressure in no simple way",
-    }[growth]
 
 
 def _cell(cell: Cell, several: bool) -> str:
@@ -366,7 +358,7 @@ def _actions(diagnosis: Diagnosis) -> list[str]:
     for found in diagnosis.explanation.fields:
         kind = fields()[effect_of(found.group)]
         items.append(f"{kind.id}: {kind.remedy}.")
-    if any(p.noise.source != "static images" for p in diagnosis.prepared):
+    if any(p.noise.source is not Source.AT_REST for p in diagnosis.prepared):
         items.append(
             "Film some ten images at rest before inflation: the noise had to be judged from the "
             "field itself."
