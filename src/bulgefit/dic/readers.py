@@ -26,6 +26,7 @@ from bulgefit.dic.formats import (
 )
 from bulgefit.dic.formats.plugins import load_plugins
 from bulgefit.dic.formats.source import Place, source_of
+from bulgefit.dic.hdf5_apart import one_helper
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
@@ -88,10 +89,11 @@ def read_test(
     for line in load_plugins():
         tell(line)
     source = source_of(path)
-    chosen = choose_reader(source, format, options)
     path = source.path
     try:
-        recording = chosen.read(source, **options)
+        with one_helper():
+            chosen = choose_reader(source, format, options)
+            recording = chosen.read(source, **options)
     except OSError as error:
         raise unreadable(path, error) from error
     except MemoryError:
