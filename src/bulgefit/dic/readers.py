@@ -21,6 +21,7 @@ from bulgefit.dic.formats import (
     duodic,
     istra4d,
     matchid,
+    matchid_hdf5,
     vic3d,
     vic3d_mat,
 )
@@ -34,7 +35,8 @@ __all__ = ["READERS", "Recording", "load_plugins", "read_test", "reader"]
 
 _BUILT_IN = (
     *(csv_folder, read_hdf5, read_npz, read_study),
-    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, aramis, dice, istra4d, duodic, any_table),
+    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, matchid_hdf5, aramis),
+    *(dice, istra4d, duodic, any_table),
 )
 # The study's value, taken where neither the file nor the caller gives one.
 _USUAL_POISSON_RATIO = 0.24

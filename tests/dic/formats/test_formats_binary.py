@@ -236,6 +236,26 @@ def test_vic3d_mat(truth, tmp_path, log, holds, version):
     holds(read_test(folder, pressure=table, **SPECIMEN), lost=((2, 7), (2, 60)))
 
 
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_vic3d_mat_of_several_areas(truth, tmp_path, log, holds, version):
+    """Each area of interest has its own numbered matrices, in shapes of their own."""
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for i in range(4):
+        whole = vic_arrays(truth, i, lost=(7, 60) if i == 2 else ())
+        arrays = {f"{k}{end}": v[rows] for k, v in whole.items() for end, rows in AREAS.items()}
+        path = folder / f"run_{i}.mat"
+        if version == "7.3":
+            write_newest(path, lambda f, a=arrays: [f.create_dataset(k, data=a[k].T) for k in a])
+        else:
+            savemat(path, arrays)
+    table = str(log([f"run_{i}.tif" for i in range(4)]))
+    holds(read_test(folder, pressure=table, **SPECIMEN), lost=((2, 7), (2, 60)))
+
+
+AREAS = {"": slice(0, 3), "_1": slice(3, 4), "_2": slice(4, 9)}
+
+
 def test_matlab_files_that_are_not_read(truth, tmp_path):
     path = tmp_path / "run_1bar.mat"
     arrays = vic_arrays(truth, 0)
@@ -370,6 +390,61 @@ def test_duodic_without_its_cells(tmp_path):
     write_newest(tmp_path / "DIC3D.mat", lambda file: file.create_group("DIC3D"))
     with pytest.raises(InputError, match=r"DIC3D has no Points3D and Disp.DispVec"):
         read_test(tmp_path / "DIC3D.mat", **SPECIMEN)
+
+
+# ---- MatchID, HDF5 ----
+
+
+def matchid_arrays(truth):
+    """By their places in the file; one point is lost as NaN, one as zeros."""
+    position, moved = (
+        turned(values) for values in (truth.reference + truth.displacement, truth.displacement)
+    )
+    position[2, 13], moved[2, 13] = np.nan, np.nan
+    position[3, 8], moved[3, 8] = 0, 0
+    names = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
+    return {
+        "Mapping Data/Spatial - Point Locations": truth.pixels,
+        "Temporal Data/Force": truth.pressure[None] * 100,
+        "Temporal Data/Time": np.arange(4.0)[None],
+        **{f"Point Data/{name}": position[..., i] for i, name in enumerate("XYZ")},
+        **{f"Point Data/{name}": moved[..., i] for i, name in enumerate(names)},
+    }
+
+
+def write_matchid(path, arrays):
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[f"DIC Data/{name}"] = values
+
+
+def test_matchid_hdf5(truth, tmp_path, holds, said):
+    path = tmp_path / "test.h5"
+    write_matchid(path, matchid_arrays(truth))
+    with pytest.raises(InputError, match=r"no pressure found .*'Force', 'Time'"):
+        read_test(path, **SPECIMEN)
+    options = {"pressure_column": "Force", "pressure_unit": "0.1bar", **SPECIMEN}
+    holds(read_test(path, say=said.append, **options), lost=((2, 13), (3, 8)))
+    assert said[0] == "matchid-hdf5: 4 frames of MatchID (HDF5, one file a test), current positions"
+    assert "y and z change sign: the file's y runs down the image" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "match"),
+    [
+        ("Point Data/Z", None, "has no 'DIC Data/Point Data/Z'; export it from a stereo"),
+        ("Point Data/Z", np.s_[:, :5], r"Z' is \(4, 5\); each must be \(steps, points\)"),
+        ("Mapping Data/Spatial - Point Locations", np.s_[:5], "is .5, 2., not two numbers a point"),
+    ],
+)
+def test_matchid_hdf5_that_does_not_fit(truth, tmp_path, name, change, match):
+    arrays = matchid_arrays(truth)
+    whole = arrays.pop(name)
+    if change is not None:
+        arrays[name] = whole[change]
+    write_matchid(tmp_path / "test.h5", arrays)
+    with pytest.raises(InputError, match=match):
+        read_test(tmp_path / "test.h5", **SPECIMEN)
 
 
 # ---- DaVis .vc7 ----
