@@ -28,7 +28,7 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import Structure, structure
+from bulgefit.gap.residual.structure import Structure, structure
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
