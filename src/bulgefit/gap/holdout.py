@@ -21,6 +21,7 @@ from bulgefit.gap.keys import columns_of, own_key, start_of
 from bulgefit.gap.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.scatter import of_the_cloth
 
 __all__ = ["HeldOutTest", "judge_held_out"]
 
@@ -102,13 +103,15 @@ def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
 def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:
     """What the specimens share, by value, and the names of what is each one's own.
 
-    With a single specimen nothing says by its name whose it is; the catalogue does.
+    With a single specimen nothing says by its name whose it is; the catalogue does. Of several,
+    what no one owns is the cloth's or the rig's.
     """
     own: dict[str, None] = {}
     shared = {}
-    for key, value in final.values.items():
-        name = key.partition("@")[0]
-        if own_key(name, 0, several=True) == name:
+    several = len(final.predictions) > 1
+    for key, value in of_the_cloth(final.values).items():
+        name, owned, _ = key.partition("@")
+        if own_key(name, 0, several=True) == name or (several and not owned):
             shared[name] = value
         elif key in final.keys:
             own[name] = None
