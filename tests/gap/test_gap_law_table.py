@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import catalogue
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD
+from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.problem import Layout
+from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.implied_reference import implied_references
 from bulgefit.gap.law_table import SECANTS, LawTable, law_table
 from bulgefit.gap.regress import Regression, regress
@@ -21,7 +27,8 @@ TRUTH = {
     "initial_shape.h0": 2.0,
     "reference_state.z30": 0.3,
 }
-KEYS = tuple(TRUTH)
+KEYS = tuple(Key.of(name) for name in TRUTH)
+VALUES = {Key.of(name): value for name, value in TRUTH.items()}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +38,7 @@ def seen(made_by_the_model) -> Data:
 
 @pytest.fixture(scope="module")
 def fit(seen) -> Regression:
-    return regress([seen], KEYS, TRUTH)
+    return regress([seen], KEYS, VALUES)
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +52,14 @@ def test_the_law_is_told_and_so_are_its_errors(table: LawTable, fit: Regression)
     assert set(SECANTS) <= {*strain.tolist()}
     assert table.bent
     for axis, (modulus, gain) in enumerate((("E1", "k_x"), ("E2", "k_y"))):
-        gain = f"nonlinear_material.{gain}"
-        e, k = fit.values[modulus], fit.values[gain]
+        keys = Key.of(modulus), Key("nonlinear_material", gain)
+        e, k = (fit.values[key] for key in keys)
         np.testing.assert_allclose(table.resultant[axis], 0.81 * e * (strain + k * strain**2))
         rows = 0.81 * np.array([strain + k * strain**2, e * strain**2])
-        place = [fit.columns.index(modulus), fit.columns.index(gain)]
+        place = [fit.columns.index(key) for key in keys]
         variance = np.einsum("ik,ij,jk->k", rows, covariance[np.ix_(place, place)], rows)
         np.testing.assert_allclose(table.stderr[axis], np.sqrt(variance), rtol=1e-5)
-        true = 0.81 * TRUTH[modulus] * (strain + TRUTH[gain] * strain**2)
+        true = 0.81 * TRUTH[modulus] * (strain + VALUES[keys[1]] * strain**2)
         assert (np.abs(table.resultant[axis] - true) < 4.0 * table.stderr[axis]).all()
 
 
@@ -96,8 +103,17 @@ def test_the_height_is_what_was_put_in(seen: Data, fit: Regression) -> None:
 
 def test_offsets_of_the_points_are_heights_turned_round(seen: Data, fit: Regression) -> None:
     """What all frames are short of was there before: beside offsets the same height is implied."""
-    keys = tuple(k for k in KEYS if not k.startswith("reference_state"))
-    beside = regress([seen], (*keys, FIELD), {k: TRUTH[k] for k in keys})
+    names = ("initial_shape", "nonlinear_material", "prestrain")
+    coordinates = Coordinates.of([catalogue()[n] for n in names], [seen.specimen.nulls()])
+    layout = Layout.of(coordinates.groups)
+    start = np.array(
+        [
+            c.parameter.to_coordinate(VALUES[c.key]) if c.key in VALUES else c.null
+            for c in coordinates.every
+        ]
+    )
+    weighing = Weighing([seen], coordinates, [np.full(3, 0.5)])
+    beside = regression_of(weighing, descend(weighing, layout, layout.whole(), start))
     (implied,), (other,) = (implied_references([seen], f) for f in (beside, fit))
     assert implied.stderr is not None
     assert other.stderr is not None
@@ -107,6 +123,6 @@ def test_offsets_of_the_points_are_heights_turned_round(seen: Data, fit: Regress
 
 
 def test_a_model_without_height_says_nothing_of_one(seen: Data, fit: Regression) -> None:
-    alone = regress([seen], KEYS[:3], {k: TRUTH[k] for k in KEYS[:3]})
+    alone = regress([seen], KEYS[:3], {k: VALUES[k] for k in KEYS[:3]})
     (implied,) = implied_references([seen], alone)
     assert (implied.apex_mm, implied.stderr, implied.rms_mm) == (0.0, None, 0.0)

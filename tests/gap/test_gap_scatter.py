@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import catalogue, scatter
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.problem import Layout
@@ -14,17 +15,19 @@ from bulgefit.gap.scatter import modulus_errors, of_the_cloth, scatter_of
 
 #: Standard deviation of a factor's prior in a fit.
 PRIOR = 0.08
+E1 = Key.of("E1")
+MODULI = {E1: 300.0, Key.of("E2"): 200.0, Key.of("G12"): 10.0}
 
 
 @dataclass(frozen=True)
 class Told:
     """What `scatter_of` asks of a regression: factors whose logarithms were seen with one error."""
 
-    values: dict[str, float]
+    values: dict[Key, float]
     error: float
 
     @property
-    def columns(self) -> tuple[str, ...]:
+    def columns(self) -> tuple[Key, ...]:
         return tuple(self.values)
 
     def covariance(self) -> np.ndarray:
@@ -33,17 +36,17 @@ class Told:
         logs = np.zeros((len(columns), len(columns)))
         logs[:3, :3] = np.diag([10.0**-2] * 3)
         for modulus, axis in (("E1", "warp"), ("E2", "fill")):
-            for i in range(sum(c.startswith(f"specimen_factor.{axis}") for c in columns)):
+            for factor in (c for c in columns if c.parameter == axis):
                 row = np.zeros(len(columns))
-                row[columns.index(modulus)] = 1.0
-                row[columns.index(f"specimen_factor.{axis}@{i}")] = 1.0
+                row[columns.index(Key.of(modulus))] = 1.0
+                row[columns.index(factor)] = 1.0
                 logs += np.outer(row, row) / self.error**2
         factors = np.arange(len(columns)) >= 3
         logs[factors, factors] += PRIOR**-2
         by = np.array(list(self.values.values()))
         return np.linalg.inv(logs) * np.outer(by, by)
 
-    def standard_errors(self) -> dict[str, float]:
+    def standard_errors(self) -> dict[Key, float]:
         return dict(zip(self.columns, np.sqrt(np.diag(self.covariance())), strict=True))
 
 
@@ -51,11 +54,11 @@ def told(logs: np.ndarray, error: float = 0.003) -> Told:
     """Of logarithms (specimens, 2) that were seen, as the posterior's mean tells them."""
     centred = (logs - logs.mean(axis=0)) * PRIOR**2 / (PRIOR**2 + error**2)
     factors = {
-        f"specimen_factor.{axis}@{i}": float(np.exp(centred[i, k]))
+        Key("specimen_factor", axis, i): float(np.exp(centred[i, k]))
         for i in range(len(logs))
         for k, axis in enumerate(("warp", "fill"))
     }
-    return Told({"E1": 300.0, "E2": 200.0, "G12": 10.0, **factors}, error)
+    return Told({**MODULI, **factors}, error)
 
 
 def test_scatter_of_many_specimens_is_met() -> None:
@@ -95,22 +98,21 @@ def test_moduli_are_the_mean_specimens() -> None:
     logs = np.array([[0.05, 0.02], [-0.03, 0.04], [0.01, -0.06]])
     plain = told(logs)
     shifted = dict(plain.values)
-    shifted["E1"] *= 1.04
+    shifted[E1] *= 1.04
     for i in range(3):
-        shifted[f"specimen_factor.warp@{i}"] /= 1.04
+        shifted[Key("specimen_factor", "warp", i)] /= 1.04
     other = Told(shifted, plain.error)
     assert of_the_cloth(shifted) == pytest.approx(of_the_cloth(plain.values), rel=1e-12)
     assert scatter_of(other)["E1"].value == pytest.approx(scatter_of(plain)["E1"].value, rel=1e-9)
     # n specimens seen with 0.3 % each: what factors may take from the modulus alone is left out
     expected = 300.0 * plain.error / np.sqrt(3.0)
-    assert modulus_errors(plain)["E1"] == pytest.approx(expected, rel=0.01)
-    assert plain.standard_errors()["E1"] > 10.0 * expected
+    assert modulus_errors(plain)[E1] == pytest.approx(expected, rel=0.01)
+    assert plain.standard_errors()[E1] > 10.0 * expected
 
 
 def test_one_specimen_has_no_scatter() -> None:
-    values = {"E1": 300.0, "E2": 200.0, "G12": 10.0}
-    assert scatter_of(Told(values, 0.003)) == {}
-    assert of_the_cloth(values) == values
+    assert scatter_of(Told(MODULI, 0.003)) == {}
+    assert of_the_cloth(MODULI) == MODULI
 
 
 def test_factors_are_in_every_model_of_several() -> None:

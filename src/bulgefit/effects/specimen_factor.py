@@ -8,7 +8,10 @@ from bulgefit.effects.base import Effect, Own
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Cloth
 
-__all__ = ["EFFECT"]
+__all__ = ["EFFECT", "FACTORS"]
+
+#: The factor of each modulus.
+FACTORS = {"E1": "warp", "E2": "fill"}
 
 
 class SpecimenFactor(Effect):
@@ -33,7 +36,7 @@ class SpecimenFactor(Effect):
             step=1e-5,
             coordinate="log",
         )
-        for name in ("warp", "fill")
+        for name in FACTORS.values()
     )
     scatters = True
 

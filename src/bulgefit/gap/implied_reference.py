@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.reference_state import MODES, reference_modes
-from bulgefit.effects.registry import effect_named
+from bulgefit.effects.reference_state import EFFECT as STATE
+from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import has_field, names_of
-from bulgefit.gap.normal import shown
+from bulgefit.gap.keys import names_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.camera import place
 from bulgefit.model.description import active_effects
@@ -27,7 +26,6 @@ __all__ = ["ImpliedReference", "implied_references"]
 
 Floats = NDArray[np.float64]
 
-_STATE = "reference_state"
 #: Heights are linear in what makes them: any step does for their differences.
 _STEP = 1e-3
 
@@ -59,11 +57,11 @@ class ImpliedReference:
 
 def implied_references(data: Sequence[Data], final: Regression) -> list[ImpliedReference]:
     """One for each specimen of a fitted model."""
-    return [_implied(d, final, index, len(data) > 1) for index, d in enumerate(data)]
+    return [_implied(d, final, index) for index, d in enumerate(data)]
 
 
-def _implied(d: Data, final: Regression, index: int, several: bool) -> ImpliedReference:
-    names, places = names_of(final.keys, index, several)
+def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
+    names, places = names_of(final.keys, index)
     shapes = final.predictions[index].shapes
     height = _heights(d, shapes.values)
     slopes = np.zeros((len(names), len(height)))
@@ -73,10 +71,9 @@ def _implied(d: Data, final: Regression, index: int, several: bool) -> ImpliedRe
             row += (_heights(d, moved) - height) / _STEP
     seen, variance = d.used[..., 2].any(axis=0), np.zeros(len(height))
     offset = final.offsets[index]
-    if offset is not None and has_field(final.keys, index):
-        share = shown(d, final.predictions[index])
-        weight = share[:, None] * d.used[..., 2]
-        counted = np.where(seen, (weight * share[:, None]).sum(axis=0), 1.0)
+    if offset is not None:
+        weight = d.share[:, None] ** 2 * d.used[..., 2]
+        counted = np.where(seen, weight.sum(axis=0), 1.0)
         by_name = d.specimen.observe(shapes, names).derivative[..., 2]
         slopes += np.einsum("fn,kfn->kn", weight, by_name) / counted
         height = height - offset[:, 2]
@@ -99,7 +96,7 @@ def _implied(d: Data, final: Regression, index: int, several: bool) -> ImpliedRe
 def _raises(name: str) -> bool:
     """Whether a parameter has a part in the heights."""
     effect, dot, _ = name.partition(".")
-    return bool(dot) and (effect == _STATE or effect_named(effect).uses("height"))
+    return bool(dot) and (effect == STATE.id or effect_named(effect).uses("height"))
 
 
 def _heights(d: Data, values: Mapping[str, float]) -> Floats:
@@ -108,9 +105,8 @@ def _heights(d: Data, values: Mapping[str, float]) -> Floats:
     active = active_effects(values, specimen.nulls())
     at = place(specimen.reference, radius, active).unit
     height = sum((e.height(own, at) for e, own in active), np.zeros(len(at)))
-    modes = reference_modes(specimen.reference, radius)
-    state = np.array([values.get(f"{_STATE}.z{i}{j}", 0.0) for i, j in MODES])
-    return np.asarray(height + state @ modes)
+    state = STATE.state(own_values(STATE, values, {}), specimen.reference, radius)
+    return np.asarray(height + state[:, 2])
 
 
 def _over_plane(points: Floats) -> tuple[Floats, int]:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.registry import acting
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import effect_named
 from bulgefit.fem.geometry import ReferenceSurface
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.uniaxial import uniaxial
@@ -81,7 +82,7 @@ class LawTable:
         return {
             "strain": list(SECANTS),
             **{
-                modulus: {
+                modulus.name: {
                     "value": (per * self.resultant[axis, places]).tolist(),
                     "stderr": (per * self.stderr[axis, places]).tolist(),
                     "unit": "MPa",
@@ -105,7 +106,7 @@ def law_table(data: Sequence[Data], final: Regression) -> LawTable:
     strain = np.union1d(np.round(steps * _SPACING, 6), SECANTS)
     specimen = data[0].specimen
 
-    def told(values: Mapping[str, float]) -> Floats:
+    def told(values: Mapping[Key, float]) -> Floats:
         return _resultants(data[0], of_the_cloth(values), strain)
 
     errors = final.standard_errors()
@@ -131,20 +132,19 @@ def law_table(data: Sequence[Data], final: Regression) -> LawTable:
     )
 
 
-def _is_of_cloth(key: str) -> bool:
+def _is_of_cloth(key: Key) -> bool:
     """Whether the cloth's law depends on a freed parameter, or is told about it."""
-    name = key.partition("@")[0]
-    effect = acting().get(name.partition(".")[0]) if "." in name else None
-    if effect is None:
-        return name in (*AXES, "G12")
+    if not key.effect:
+        return True
+    effect = effect_named(key.effect)
     return effect.scatters or (effect.shared and effect.uses("material"))
 
 
-def _with_ratio(d: Data, values: Mapping[str, float]) -> dict[str, float]:
+def _with_ratio(d: Data, values: Mapping[Key, float]) -> dict[str, float]:
     return {"nu12": d.specimen.test.poisson_ratio, **specimen_values(values, 0)}
 
 
-def _resultants(d: Data, values: Mapping[str, float], strain: Floats) -> Floats:
+def _resultants(d: Data, values: Mapping[Key, float], strain: Floats) -> Floats:
     """(2, k) N/mm along warp and fill."""
     specimen = d.specimen
     stiffness, fabric = cloth_law(_with_ratio(d, values), specimen.nulls())

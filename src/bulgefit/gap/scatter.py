@@ -6,13 +6,14 @@ of the mean specimen, in the logarithm, so that its factors multiply to 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.registry import scatter
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.specimen_factor import EFFECT, FACTORS
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.regress import Regression
 
@@ -21,7 +22,7 @@ __all__ = ["AXES", "Scatter", "modulus_errors", "of_the_cloth", "scatter_of"]
 Floats = NDArray[np.float64]
 
 #: The modulus along each axis that a specimen's factor multiplies.
-AXES = {"E1": "specimen_factor.warp", "E2": "specimen_factor.fill"}
+AXES = {Key.of(modulus): Key(EFFECT.id, name) for modulus, name in FACTORS.items()}
 #: What is believed of the scatter: 5 to 10 % is usual for coated fabrics, one standard deviation of
 #: its logarithm either way.
 _USUAL = (0.05, 0.10)
@@ -37,26 +38,25 @@ class Scatter:
     ----------
     value, stderr : float
         Mean and standard deviation of what the specimens leave of the belief.
-    factors : dict of test index to (float, float)
+    factors : dict of specimen to (float, float)
         Each specimen's factor and its standard error.
     """
 
     value: float
     stderr: float
-    factors: dict[int, tuple[float, float]]
+    factors: dict[int | None, tuple[float, float]]
 
 
-def _factors(final: Regression, name: str) -> list[str]:
-    """Keys of one factor of every specimen, in their order; none where there is only one."""
-    found = [k for k in final.columns if k.partition("@")[0] == name]
-    return sorted(found, key=lambda k: int(k.partition("@")[2]))
+def _factors(keys: Iterable[Key], factor: Key) -> list[Key]:
+    """Those of one factor, of every specimen in their order; none where there is only one."""
+    return sorted(k for k in keys if k._replace(specimen=None) == factor)
 
 
-def of_the_cloth(values: Mapping[str, float]) -> dict[str, float]:
+def of_the_cloth(values: Mapping[Key, float]) -> dict[Key, float]:
     """Values by the same keys, with the moduli of the mean specimen and factors about it."""
     out = dict(values)
-    for modulus, name in AXES.items():
-        keys = [k for k in values if k.partition("@")[0] == name]
+    for modulus, factor in AXES.items():
+        keys = _factors(values, factor)
         if keys:
             mean = float(np.exp(np.mean([np.log(values[k]) for k in keys])))
             out[modulus] = values[modulus] * mean
@@ -64,13 +64,13 @@ def of_the_cloth(values: Mapping[str, float]) -> dict[str, float]:
     return out
 
 
-def modulus_errors(fit: Regression) -> dict[str, float]:
-    """Standard errors (MPa) of the moduli of `of_the_cloth`, by name."""
+def modulus_errors(fit: Regression) -> dict[Key, float]:
+    """Standard errors (MPa) of the moduli of `of_the_cloth`."""
     errors = fit.standard_errors()
     values, covariance = of_the_cloth(fit.values), fit.covariance()
     out = {m: errors[m] for m in MODULI}
-    for modulus, name in AXES.items():
-        keys = _factors(fit, name)
+    for modulus, factor in AXES.items():
+        keys = _factors(fit.columns, factor)
         if keys:
             row = np.zeros(len(fit.columns))
             row[fit.columns.index(modulus)] = 1.0 / fit.values[modulus]
@@ -89,21 +89,21 @@ def scatter_of(final: Regression) -> dict[str, Scatter]:
     "Bayesian data analysis", section 5.4).
     """
     out = {}
-    for modulus, name in AXES.items():
-        keys = _factors(final, name)
+    for modulus, factor in AXES.items():
+        keys = _factors(final.columns, factor)
         if len(keys) > 1:
-            out[modulus] = _scatter(final, keys)
+            out[modulus.name] = _scatter(final, keys)
     return out
 
 
-def _scatter(final: Regression, keys: Sequence[str]) -> Scatter:
+def _scatter(final: Regression, keys: Sequence[Key]) -> Scatter:
     place = [final.columns.index(k) for k in keys]
     logs = np.log([final.values[k] for k in keys])
     slopes = np.exp(-logs)
     covariance = final.covariance()[np.ix_(place, place)] * np.outer(slopes, slopes)
     # an orthonormal basis of what is left once the mean is taken off
     about = np.linalg.svd(np.eye(len(keys)) - 1.0 / len(keys))[0][:, : len(keys) - 1]
-    believed = _believed(keys[0])
+    believed = EFFECT.parameter(keys[0].parameter).prior
     mean, known = _beside_the_prior(about.T @ logs, about.T @ covariance @ about, believed)
     chance = np.array([_log_evidence(mean, known + s**2 * np.eye(len(mean))) for s in _SCATTERS])
     low, high = np.log(_USUAL)
@@ -117,16 +117,10 @@ def _scatter(final: Regression, keys: Sequence[str]) -> Scatter:
         value,
         float(np.sqrt(weight @ (_SCATTERS - value) ** 2)),
         {
-            int(k.partition("@")[2]): (float(np.exp(c)), float(np.exp(c) * e))
+            k.specimen: (float(np.exp(c)), float(np.exp(c) * e))
             for k, c, e in zip(keys, centred, errors, strict=True)
         },
     )
-
-
-def _believed(key: str) -> float:
-    """Prior (relative) under which the fit took a factor."""
-    effect, _, parameter = key.partition("@")[0].partition(".")
-    return scatter()[effect].parameter(parameter).prior
 
 
 def _beside_the_prior(mean: Floats, covariance: Floats, prior: float) -> tuple[Floats, Floats]:
