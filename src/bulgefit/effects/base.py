@@ -44,6 +44,11 @@ class Effect:
         all parameters.
     shared : bool
         True for what belongs to the cloth: its specimens share it.
+    of_rig : bool
+        True for what belongs to clamp and cameras: tests on the same rig share it.
+    scatters : bool
+        True for what specimens have about the mean of their cloth: it is in every model of several
+        specimens, in none of one, and no cause.
     needs : tuple of str
         Fields of a test without which it cannot be judged ("time").
     never_separable : str
@@ -63,6 +68,8 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
     shared: ClassVar[bool] = False
+    of_rig: ClassVar[bool] = False
+    scatters: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
     told: ClassVar[tuple[Told, ...]] = ()
