@@ -64,10 +64,10 @@ class ReferenceState(Effect):
         """See the class."""
         if not any(own[name] for name in _AXIS_MAJOR):
             return moved
-        state = self.state(own, scene.reference, scene.radius)
+        state = self.at_rest(own, scene.reference, scene.radius)
         return moved - flattened(scene.pressure, own["flattening"])[:, None, None] * state
 
-    def state(self, own: Own, reference: Floats, radius: float) -> Floats:
+    def at_rest(self, own: Own, reference: Floats, radius: float) -> Floats:
         """u_ref (n, 3) mm at points (n, 3) mm."""
         coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
         return np.asarray((coefficients @ reference_modes(reference, radius)).T)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 
 from bulgefit.effects.base import Effect, Own
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Cloth
 
-__all__ = ["EFFECT", "FACTORS"]
-
-#: The factor of each modulus.
-FACTORS = {"E1": "warp", "E2": "fill"}
+__all__ = ["EFFECT"]
 
 
 class SpecimenFactor(Effect):
@@ -36,9 +34,9 @@ class SpecimenFactor(Effect):
             step=1e-5,
             coordinate="log",
         )
-        for name in FACTORS.values()
+        for name in ("warp", "fill")
     )
-    scatters = True
+    factors = MappingProxyType({"E1": "warp", "E2": "fill"})
 
     def material(self, own: Own, cloth: Cloth) -> Cloth:
         """See the class."""

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.reference_state import EFFECT as STATE
-from bulgefit.effects.registry import effect_named, own_values
+from bulgefit.effects.registry import effect_named
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import names_of
 from bulgefit.gap.regress import Regression
@@ -96,7 +95,7 @@ def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
 def _raises(name: str) -> bool:
     """Whether a parameter has a part in the heights."""
     effect, dot, _ = name.partition(".")
-    return bool(dot) and (effect == STATE.id or effect_named(effect).uses("height"))
+    return bool(dot) and effect_named(effect).uses("height", "at_rest")
 
 
 def _heights(d: Data, values: Mapping[str, float]) -> Floats:
@@ -104,9 +103,10 @@ def _heights(d: Data, values: Mapping[str, float]) -> Floats:
     specimen, radius = d.specimen, d.specimen.test.radius
     active = active_effects(values, specimen.nulls())
     at = place(specimen.reference, radius, active).unit
-    height = sum((e.height(own, at) for e, own in active), np.zeros(len(at)))
-    state = STATE.state(own_values(STATE, values, {}), specimen.reference, radius)
-    return np.asarray(height + state[:, 2])
+    height = np.zeros(len(at))
+    for effect, own in active:
+        height += effect.height(own, at) + effect.at_rest(own, specimen.reference, radius)[:, 2]
+    return height
 
 
 def _over_plane(points: Floats) -> tuple[Floats, int]:

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Key
-from bulgefit.effects.specimen_factor import EFFECT, FACTORS
+from bulgefit.effects.registry import scatter
 from bulgefit.gap.effects import MODULI
+from bulgefit.gap.keys import parameter_of
 from bulgefit.gap.regress import Regression
 
 __all__ = ["AXES", "Scatter", "modulus_errors", "of_the_cloth", "scatter_of"]
@@ -22,7 +23,11 @@ __all__ = ["AXES", "Scatter", "modulus_errors", "of_the_cloth", "scatter_of"]
 Floats = NDArray[np.float64]
 
 #: The modulus along each axis that a specimen's factor multiplies.
-AXES = {Key.of(modulus): Key(EFFECT.id, name) for modulus, name in FACTORS.items()}
+AXES = {
+    Key.of(modulus): Key(effect.id, name)
+    for effect in scatter().values()
+    for modulus, name in effect.factors.items()
+}
 #: What is believed of the scatter: 5 to 10 % is usual for coated fabrics, one standard deviation of
 #: its logarithm either way.
 _USUAL = (0.05, 0.10)
@@ -103,7 +108,7 @@ def _scatter(final: Regression, keys: Sequence[Key]) -> Scatter:
     covariance = final.covariance()[np.ix_(place, place)] * np.outer(slopes, slopes)
     # an orthonormal basis of what is left once the mean is taken off
     about = np.linalg.svd(np.eye(len(keys)) - 1.0 / len(keys))[0][:, : len(keys) - 1]
-    believed = EFFECT.parameter(keys[0].parameter).prior
+    believed = parameter_of(keys[0]).prior
     mean, known = _beside_the_prior(about.T @ logs, about.T @ covariance @ about, believed)
     chance = np.array([_log_evidence(mean, known + s**2 * np.eye(len(mean))) for s in _SCATTERS])
     low, high = np.log(_USUAL)
