@@ -18,17 +18,16 @@ from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.fitting.result import describe_tests, versions
-from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR, chosen_effects
 from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
 from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
-from bulgefit.gap.holdout import HeldOutTest, judge_held_out
+from bulgefit.gap.follow_up.advise import Advice, advise
+from bulgefit.gap.follow_up.holdout import HeldOutTest, judge_held_out
+from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.gap.implied_reference import ImpliedReference, implied_references
 from bulgefit.gap.keys import at_edge
 from bulgefit.gap.law_table import LawTable, law_table
-from bulgefit.gap.locate import Growth, Mode, azimuthal_modes
-from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
@@ -38,8 +37,9 @@ from bulgefit.gap.prepare import (
     settle,
 )
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes
+from bulgefit.gap.residual.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.scatter import Scatter, modulus_errors, of_the_cloth, scatter_of
-from bulgefit.gap.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 

@@ -34,7 +34,7 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import Structure, structure
+from bulgefit.gap.residual.structure import Structure, structure
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -246,11 +246,11 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return descend(weighing, layout, model, start)
+        return descend(weighing, layout, model, start, roughly=True)
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return descend(weighing, layout, model, other)
+        return descend(weighing, layout, model, other, roughly=True)
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:

@@ -19,9 +19,9 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.keys import is_shared, start_of
-from bulgefit.gap.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.scatter import of_the_cloth
 
 __all__ = ["HeldOutTest", "judge_held_out"]
