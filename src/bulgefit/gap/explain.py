@@ -255,7 +255,8 @@ def _rough(
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
     return [
-        d.thinned(min(round(d.inflation), len(d.specimen.reference) // LEAST_POINTS)) for d in data
+        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
+        for d in data
     ]
 
 

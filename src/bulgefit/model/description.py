@@ -221,6 +221,7 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
         gain=(cloth.gain[0] * cloth.E1, cloth.gain[1] * cloth.E2),
         bend=(cloth.bend[0] * cloth.E1, cloth.bend[1] * cloth.E2),
         knee=cloth.knee,
+        curve=cloth.curve,
         compliance=compliance,
     )
 

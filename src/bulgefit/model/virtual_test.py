@@ -137,7 +137,7 @@ class VirtualTest:
             name in CONSTANTS or c.below.law_parameters == c.above.law_parameters
             for name, c in changes.items()
         )
-        straight = not any((*here.fabric.gain, *here.fabric.bend))
+        straight = here.fabric.is_straight
         straight = straight or not any(name in CONSTANTS for name in changes)
         if here.is_plain and constant and same and straight:
             return self.inflation.along_path(here, given, changes)
