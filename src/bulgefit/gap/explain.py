@@ -28,6 +28,7 @@ from bulgefit.gap.keys import group_keys
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import Structure, structure
+from bulgefit.parallel.journal import kept
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -182,7 +183,7 @@ def explain(
     found = search.best
     say("the best model, by all points")
     weighing = Weighing(whole, coordinates, search.problem.offsets)
-    fit = descend(weighing, layout, found.model, found.x, found.here.near)
+    fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
     tempered = temper(whole, final.predictions, free)
@@ -233,11 +234,11 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return descend(weighing, layout, model, start)
+        return kept(lambda: descend(weighing, layout, model, start))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return descend(weighing, layout, model, other)
+        return kept(lambda: descend(weighing, layout, model, other))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
@@ -373,7 +374,7 @@ def _taken_apart(
     executor: Executor,
 ) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = [name for name, _ in fit.model]
+    names = sorted(name for name, _ in fit.model)
     beside = (weighing, layout, fit.x, fit.here.near)
     creased = weighing.offsets is not None
     alone = (_refit(beside, freeze({})) or baseline) if creased and names else baseline
