@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.dic.align import pose_of
     from bulgefit.files import check_output
 
-    _common.check_outputs(args, files_read([args.input]), [args.output])
+    _common.check_outputs(args, files_read([args.input, args.pressure]), [args.output])
     check_output(args.output, args.force)
     steps = _steps(args)
     poses: list[Pose] = []

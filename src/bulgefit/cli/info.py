@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.dic import describe, read_test
 
-    _common.check_outputs(args, files_read([args.test]))
+    _common.check_outputs(args, files_read([args.test, args.pressure]))
     info = describe(read_test(args.test, **reader_options(args)))
     _common.deliver(args, asdict(info), _table(info))
     return 0
