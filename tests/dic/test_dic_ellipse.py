@@ -75,6 +75,11 @@ def test_the_command_line(tmp_path, capsys):
     assert "clamp semi-axes 120 mm along x, 80 along y" in capsys.readouterr().out
     assert main(["info", str(oval), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["semi_axes"] == [120.0, 80.0]
+    config = tmp_path / "run.toml"
+    config.write_text("semi-axes = [120, 80]\n")
+    circle = str(tmp_path / "circle.npz")
+    assert main(["info", circle, "--config", str(config), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["semi_axes"] == [120.0, 80.0]
     assert main(["info", str(oval), *axes, "--radius", "100"]) == 2
     assert "--radius and --semi-axes do not go together" in capsys.readouterr().err
     assert main(["info", str(oval), "--semi-axes", "120", "-80"]) == 2
