@@ -59,7 +59,7 @@ def _table(info: TestInfo) -> str:
         ("test", info.name),
         ("source", info.source),
         ("sha256", info.checksum),
-        ("clamp radius", f"{info.radius:g} mm"),
+        _clamp(info),
         ("thickness", f"{info.thickness:g} mm"),
         ("nu12", f"{info.poisson_ratio:g}"),
         ("frames", _frames(info)),
@@ -81,6 +81,13 @@ def _table(info: TestInfo) -> str:
     for warning in info.warnings:
         lines += [f"  - {warning.text} [{warning.code}]", f"    {warning.remedy}"]
     return "\n".join(lines)
+
+
+def _clamp(info: TestInfo) -> tuple[str, str]:
+    if info.semi_axes is None:
+        return "clamp radius", f"{info.radius:g} mm"
+    along_x, along_y = info.semi_axes
+    return "clamp semi-axes", f"{along_x:g} mm along x, {along_y:g} along y"
 
 
 def _frames(info: TestInfo) -> str:

@@ -24,6 +24,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.places import Load, Scene
 from bulgefit.effects.registry import effect_named
 from bulgefit.errors import InputError
+from bulgefit.fem.mesh import Mesh
 from bulgefit.model.camera import Places, place, scene_of, see, see_slope, window_of
 from bulgefit.model.description import (
     CONSTANTS,
@@ -77,7 +78,7 @@ class VirtualTest:
     threads : int
         Frames that are balanced side by side; the result does not depend on it.
     inflation : Inflation, optional
-        Shared with tests of the same clamp radius and thickness.
+        Shared with tests of the same clamp and thickness.
 
     Attributes
     ----------
@@ -95,6 +96,8 @@ class VirtualTest:
         self.test, self.setup, self.threads = test, setup or Setup(), threads
         self.inflation = inflation or Inflation.of([test], self.setup)
         self.mesh = self.inflation.mesh
+        # where fields are read: stencils of a mesh that is stretched are no good ones
+        self.circle = Mesh(test.on_circle(self.mesh.nodes), self.mesh.cells)
         self.recorded = np.asarray(test.pressure, dtype=np.float64)
         self.time = None if test.time is None else np.asarray(test.time, np.float64)
         self.correction: Floats | None = None
@@ -169,8 +172,11 @@ class VirtualTest:
 
     def _describe(self, values: Values, *, slips: bool) -> Description:
         active = active_effects(values, self.nulls())
-        mesh, radius = self.mesh, self.test.radius
-        return describe(mesh, radius, self.recorded, self.time, values, active, slips=slips)
+        test = self.test
+        return describe(
+            self.mesh, test.radius, self.recorded, self.time, values, active,
+            slips=slips, stretch=test.stretch,
+        )  # fmt: skip
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
@@ -247,23 +253,27 @@ class VirtualTest:
         found = self._operators.get(key)
         if found is None or (gradients and found[0].gradients is None):
             reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
-            places = place(reference, self.test.radius, active)
+            places = self.place(reference, active)
             at = self.test.radius * places.unit
             square = window_of(active)
             if square > 0.0:
                 made = Operators.of(self.window().mean(at, float(np.sqrt(square))))
             else:
-                made = operators(self.mesh, at, self.setup.evaluation, gradients=gradients)
+                made = operators(self.circle, at, self.setup.evaluation, gradients=gradients)
             found = made, places
             if len(self._operators) > _KEPT:
                 self._operators.clear()
             self._operators[key] = found
         return found
 
+    def place(self, reference: Floats, active: Active) -> Places:
+        """Find points seen at `reference` (n, 3) mm on the fabric."""
+        return place(reference, self.test.radius, active, self.test.stretch)
+
     def window(self) -> Window:
         """Means over windows, made when first asked for."""
         if self._window is None:
-            self._window = Window(self.mesh.nodes, self.test.radius)
+            self._window = Window(self.circle.nodes, self.test.radius, self.test.ellipticity)
         return self._window
 
 
@@ -396,9 +406,7 @@ class Sight:
             values = {**self.shapes.values, name: value}
             active = active_effects(values, self.virtual.nulls())
             moves = name in self.moves
-            places = (
-                place(self.reference, self.virtual.test.radius, active) if moves else self.places
-            )
+            places = self.virtual.place(self.reference, active) if moves else self.places
             ends.append((values, active, places))
         return ends, high - low
 
@@ -420,7 +428,7 @@ class Sight:
                 operator = Operators(window.value(points, float(np.sqrt(square))), None)
             else:
                 plain = self.virtual.setup.evaluation
-                operator = operators(self.virtual.mesh, points, plain, gradients=False)
+                operator = operators(self.virtual.circle, points, plain, gradients=False)
             fields.append(operator(self.field))
         return np.asarray((fields[1] - fields[0]) / (ends[1] - ends[0]))
 
@@ -441,7 +449,7 @@ class Sight:
 def virtual_tests(
     tests: Sequence[BulgeTest], setup: Setup | None = None, threads: int = 1
 ) -> tuple[VirtualTest, ...]:
-    """Virtual twins of several tests; those of one radius and thickness share their paths.
+    """Virtual twins of several tests; those of one clamp and thickness share their paths.
 
     Raises
     ------
@@ -451,13 +459,16 @@ def virtual_tests(
     if not tests:
         raise InputError("no bulge test was given")
     setup = setup or Setup()
-    alike: dict[tuple[float, float], list[BulgeTest]] = {}
+    alike: dict[tuple[float, ...], list[BulgeTest]] = {}
     for test in tests:
-        alike.setdefault((test.radius, test.thickness), []).append(test)
+        alike.setdefault(_clamped(test), []).append(test)
     inflations = {key: Inflation.of(group, setup) for key, group in alike.items()}
-    return tuple(
-        VirtualTest(test, setup, threads, inflations[test.radius, test.thickness]) for test in tests
-    )
+    return tuple(VirtualTest(test, setup, threads, inflations[_clamped(test)]) for test in tests)
+
+
+def _clamped(test: BulgeTest) -> tuple[float, ...]:
+    """What tests have in common whose plain specimens balance alike."""
+    return test.radius, test.ellipticity, test.thickness
 
 
 def _of_fabric(name: str) -> bool:
