@@ -13,6 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.further import Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
 
@@ -47,8 +48,10 @@ class Effect:
         Fields of a test without which it cannot be judged ("time").
     never_separable : str
         Why no test can tell it apart, else "".
-    steady : tuple of str
-        Parameters whose effect is the same in every frame: an offset of every point contains it.
+    told : tuple of Told
+        Further measurements that would tell parameters directly.
+    turn : str
+        Parameter (degree) by which the fabric is turned in the clamp, else "".
     order : int
         Among the effects of its place: lower ones act first.
     """
@@ -62,7 +65,8 @@ class Effect:
     shared: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
-    steady: ClassVar[tuple[str, ...]] = ()
+    told: ClassVar[tuple[Told, ...]] = ()
+    turn: ClassVar[str] = ""
     order: ClassVar[int] = 0
 
     # shape

@@ -7,6 +7,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several, stages
+from bulgefit.effects.further import Further, Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Scene
 
@@ -55,7 +56,8 @@ class ReferenceState(Effect):
         ),
     )
     forms = stages(_NAMES, 9, 18, 30, 45, 63)
-    steady = _NAMES
+    # a shape measured without pressure shows what the reference image already did, in mm
+    told = (Told(Further.SHAPE, tuple(n for n in _AXIS_MAJOR if n.startswith("z")), 0.05),)
     order = 4
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:

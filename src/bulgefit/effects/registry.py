@@ -37,7 +37,7 @@ GROUP = "bulgefit.effects"
 
 Kind = TypeVar("Kind", bound=Effect)
 
-_NO_EFFECTS = ("base", "fields", "parameter", "places", "registry")
+_NO_EFFECTS = ("base", "fields", "further", "parameter", "places", "registry")
 
 
 @cache

@@ -7,22 +7,24 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
+from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR, chosen_effects
 from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
 from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
 from bulgefit.gap.holdout import HeldOutTest, judge_held_out
 from bulgefit.gap.keys import at_edge
-from bulgefit.gap.locate import Mode, azimuthal_modes
+from bulgefit.gap.locate import Growth, Mode, azimuthal_modes
 from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.prepare import (
     Prepared,
@@ -33,17 +35,29 @@ from bulgefit.gap.prepare import (
     settle,
 )
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.separate import Pair, indistinguishable
+from bulgefit.gap.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
-__all__ = ["VERDICTS", "Cause", "Diagnosis", "diagnose"]
+__all__ = ["Cause", "Diagnosis", "Verdict", "diagnose"]
 
 #: Version of the JSON.
 FORMAT = 2
-#: Verdicts: nothing need be added; the causes are sure; sets of causes; the causes are sure, and
-#: something else is left; nothing is sure.
-VERDICTS = ("none", "named", "ambiguous", "partial", "unknown")
+
+
+class Verdict(StrEnum):
+    """What a diagnosis comes to."""
+
+    #: Nothing need be added.
+    NONE = "none"
+    #: The causes are sure.
+    NAMED = "named"
+    #: Sets of causes.
+    AMBIGUOUS = "ambiguous"
+    #: Causes are sure, and something else is left.
+    PARTIAL = "partial"
+    #: Nothing is sure.
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -97,7 +111,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {"none", "named", "ambiguous", "partial", "unknown"}
+    verdict : Verdict
     causes : list of Cause
     prepared : list of Prepared
     explanation : Explanation
@@ -112,7 +126,7 @@ class Diagnosis:
         How a specimen that was kept out is met.
     """
 
-    verdict: str
+    verdict: Verdict
     causes: list[Cause]
     prepared: list[Prepared]
     explanation: Explanation
@@ -149,7 +163,7 @@ class Diagnosis:
                 ),
             },
             "where": [_cell_dict(c) for c in start.cells if abs(c.significance) > 3.0][:40],
-            "modes": [_mode_dict(m) for m in self.modes if m.growth != "within noise"],
+            "modes": [_mode_dict(m) for m in self.modes if m.growth is not Growth.NONE],
             "parameters": {
                 "baseline": _moduli(self.explanation.baseline),
                 "corrected": _moduli(self.explanation.final),
@@ -287,8 +301,7 @@ def diagnose(
             "noise_floor": noise_gap(data, weight),
         }
         pairs = indistinguishable(found.known)
-        if any(e.never_separable for e in candidates):
-            pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
+        pairs[:0] = [Pair((e.id, STIFFNESS), 1.0) for e in candidates if e.never_separable]
         causes = _causes(found)
         advice = advise(data, found)
         met, unmet = None, list[str]()
@@ -298,8 +311,7 @@ def diagnose(
                 met = judge_held_out(kept_out, found, weight)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
-            if "creep" in found.groups and kept_out.data.specimen.time is None:
-                unmet.append("the held-out test has no time: it was met without creep")
+            unmet += _lacked(kept_out, found)
     return Diagnosis(
         verdict=_verdict(found),
         causes=causes,
@@ -334,6 +346,17 @@ def _same_ratio(tests: Sequence[BulgeTest]) -> None:
         )
 
 
+def _lacked(kept_out: Prepared, found: Explanation) -> list[str]:
+    """Shared effects that a held-out test was met without, since it lacks what they need."""
+    effects = [CATALOGUE[effect_of(group)] for group in found.groups if not is_field(group)]
+    return [
+        f"the held-out test has no {need}: it was met without {effect.id}"
+        for effect in effects
+        for need in effect.needs
+        if getattr(kept_out.data.specimen.test, need) is None
+    ]
+
+
 def _baseline(prepared: Sequence[Prepared]) -> Regression:
     """Moduli alone; then the mesh's error is taken off and outliers left out, and again."""
     data = [p.data for p in prepared]
@@ -355,13 +378,13 @@ def _few_frames(data: Data) -> Data:
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 
-def _verdict(found: Explanation) -> str:
+def _verdict(found: Explanation) -> Verdict:
     causes = [e for group, e in found.evidence.items() if not is_field(group)]
     if not found.complete:
-        return "partial" if any(e.sure for e in causes) else "unknown"
+        return Verdict.PARTIAL if any(e.sure for e in causes) else Verdict.UNKNOWN
     if not causes:
-        return "none"
-    return "named" if all(e.sure for e in causes) else "ambiguous"
+        return Verdict.NONE
+    return Verdict.NAMED if all(e.sure for e in causes) else Verdict.AMBIGUOUS
 
 
 def _causes(found: Explanation) -> list[Cause]:
@@ -376,13 +399,12 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
     errors = found.final.standard_errors()
     parameters, at_bound = {}, False
     for key in found.groups[group]:
-        name = key.partition(".")[2]
         value = found.final.values[key]
         at_bound |= at_edge(key, value)
-        parameters[name] = {
+        parameters[_own_name(key)] = {
             "value": float(value),
             "stderr": float(errors[key]),
-            "unit": effect.parameter(name.partition("@")[0]).unit,
+            "unit": effect.parameter(key.parameter).unit,
             "pull": evidence.pulls[key],
         }
     share, reduction, bias = None, None, {}
@@ -391,7 +413,7 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         gained = left - found.final.held_out()
         share = float(np.clip(gained / excess, 0.0, 1.0))
         reduction = float(gained / left)
-        bias = {m: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
+        bias = {m.name: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
     return Cause(
         effect=effect.id,
         specimen=specimen_of(group),
@@ -405,6 +427,11 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         bias_held=without is not None and without.held,
         partial=not found.complete,
     )
+
+
+def _own_name(key: Key) -> str:
+    """The parameter's name, and whose it is, as the JSON has them beside the effect's."""
+    return key.parameter if key.specimen is None else f"{key.parameter}@{key.specimen}"
 
 
 def _left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -461,11 +488,11 @@ def _held(found: Explanation) -> list[str]:
 def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
     errors = fit.standard_errors()
     return {
-        m: {
+        m.name: {
             "value": float(fit.values[m]),
             "stderr": float(errors[m]),
             "unit": "MPa",
-            "held": fit.held and m == "G12",
+            "held": fit.held and m == SHEAR,
         }
         for m in MODULI
     }

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Sampled
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD, MODULI
+from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
@@ -24,7 +25,7 @@ from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import group_keys
+from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.structure import Structure, structure
@@ -36,11 +37,9 @@ __all__ = ["Evidence", "Explanation", "FoundField", "Known", "Step", "explain"]
 Floats = NDArray[np.float64]
 
 #: Where descents start (MPa): a coated fabric with stiff shear, which is stable everywhere.
-START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
+START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
-#: The field whose offsets are no coordinates.
-CREASES = "reference_field"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +53,14 @@ class Evidence:
         Groups of which one may stand in its place, where it is not sure.
     without : Regression or None
         The rest of the model, refitted; None where nothing balances.
-    pulls : dict of key to float
+    pulls : dict of Key to float
         Distance of each parameter from its null in prior widths.
     """
 
     probability: float
     rivals: tuple[str, ...]
     without: Regression | None
-    pulls: dict[str, float]
+    pulls: dict[Key, float]
 
     @property
     def sure(self) -> bool:
@@ -90,7 +89,7 @@ class Step:
 class Known:
     """Normal matrix of every catalogue effect's coordinates at the final model."""
 
-    keys: tuple[str, ...]
+    keys: tuple[Key, ...]
     hessian: Floats
 
 
@@ -119,7 +118,7 @@ class Explanation:
     baseline: Regression
     final: Regression
     known: Known
-    groups: dict[str, tuple[str, ...]]
+    groups: dict[str, tuple[Key, ...]]
     evidence: dict[str, Evidence]
     others: dict[str, float]
     fields: list[FoundField]
@@ -194,7 +193,7 @@ def explain(
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
     if creased is not None:
         say("the model without offsets")
-        keys[CREASES] = group_keys([FIELD], len(whole))
+        keys[CREASES] = offsets_of_points(len(whole))
         evidence[CREASES] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
         found_fields.append(FoundField(CREASES, _creases(whole, final)))
     return Explanation(
@@ -422,9 +421,9 @@ def _refit(
     return None
 
 
-def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[str, ...]:
+def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:
     part, columns = layout.part(group), layout.columns(model)
-    return tuple(str(coordinates.every[c].key) for c in columns if part.start <= c < part.stop)
+    return tuple(coordinates.every[c].key for c in columns if part.start <= c < part.stop)
 
 
 def _evidence(
@@ -437,7 +436,7 @@ def _evidence(
 ) -> Evidence:
     part = layout.part(group)
     pulls = {
-        str(coordinates.every[c].key): float((fit.x[c] - layout.null[c]) / layout.width[c])
+        coordinates.every[c].key: float((fit.x[c] - layout.null[c]) / layout.width[c])
         for c in layout.columns(fit.model)
         if part.start <= c < part.stop
     }
@@ -464,4 +463,4 @@ def _known(search: Search[Weighing]) -> Known:
     columns = search.layout.columns(search.layout.whole(names))
     around = search.around(search.best).of(columns)
     every = search.problem.coordinates.every
-    return Known(tuple(str(every[c].key) for c in columns), around.hessian)
+    return Known(tuple(every[c].key for c in columns), around.hessian)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
-from bulgefit.dic.noise import Noise, estimate_noise, outliers, rough_part
+from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers, rough_part
 from bulgefit.errors import InputError
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
@@ -182,7 +182,7 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
     """Without images at rest, take the noise from the residual: it is smoother than the field."""
     data = prepared.data
     test = data.specimen.test
-    if prepared.noise.source == "static images":
+    if prepared.noise.source is Source.AT_REST:
         return
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     prepared.noise = estimate_noise(test, residual)
