@@ -1,4 +1,4 @@
-"""Sphinx: `python -m sphinx -W -b html docs docs/_build/html` makes the pages and runs the examples."""
+"""Sphinx: `python -m sphinx -W docs docs/_build` makes the pages and runs the examples."""
 
 from importlib.metadata import version as installed
 
