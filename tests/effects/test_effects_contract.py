@@ -12,14 +12,14 @@ import pytest
 
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
-from bulgefit.effects.registry import catalogue, own_values
+from bulgefit.effects.registry import catalogue, effect_named, own_values, scatter
 from bulgefit.model.virtual_test import VirtualTest
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "src" / "bulgefit"
 
 MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
-EFFECTS = list(catalogue().values())
+EFFECTS = [*catalogue().values(), *scatter().values()]
 IDS = [effect.id for effect in EFFECTS]
 
 #: Place, and unit of each parameter, as the design of the model has them; "*" stands for the rest.
@@ -33,6 +33,7 @@ DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
     "axis_misalignment": ("material", {"angle": "degree"}),
     "poisson_ratio": ("material", {"nu12": "1"}),
     "nonlinear_material": ("material", {"*": "1"}),
+    "specimen_factor": ("material", {"warp": "1", "fill": "1"}),
     "stiffness_gradient": ("material", {"g_x": "1", "g_y": "1"}),
     "creep": ("material", {"rate": "1 per decade"}),
     "pressure_offset": ("load", {"offset": "bar"}),
@@ -237,7 +238,7 @@ def ends_of(name: str, value: float) -> tuple[tuple[float, float], float]:
         step = 1e-3 * value
     else:
         effect, _, parameter = name.partition(".")
-        p = catalogue()[effect].parameter(parameter)
+        p = effect_named(effect).parameter(parameter)
         if p.coordinate == "square":
             return (math.sqrt(value**2 - 1.0), math.sqrt(value**2 + 1.0)), 2.0
         # where the parameter is steep, as the knee is, a part of itself

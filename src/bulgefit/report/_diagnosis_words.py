@@ -13,9 +13,9 @@ from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR
 from bulgefit.gap.evidence.coordinates import effect_of
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.explain import FoundField
-from bulgefit.gap.locate import Growth, azimuthal_modes
-from bulgefit.gap.separate import STIFFNESS
-from bulgefit.gap.structure import Cell
+from bulgefit.gap.follow_up.separate import STIFFNESS
+from bulgefit.gap.residual.locate import Growth, azimuthal_modes
+from bulgefit.gap.residual.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
 from bulgefit.report._diagnosis_parts import data_of
 
