@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -267,6 +268,33 @@ def test_derivative_is_that_of_differences(
     assert size > 0
     miss = np.abs(derivatives[name] - difference).max(axis=(0, 2)) / size
     assert miss.max() < TOLERANCES.get(name.partition(".")[0], 1e-5)
+
+
+#: Of the cameras' effects, those that leave the points where they are.
+SEEING = [e for e in EFFECTS if e.uses("see", "motion") and not e.uses("locate")]
+
+
+@pytest.mark.parametrize("effect", SEEING, ids=lambda e: e.id)
+def test_derivative_of_an_absent_effect_goes_through_those_that_see_after_it(
+    effect: Effect, specimen: VirtualTest, exact: tuple[dict[str, float], object]
+) -> None:
+    """The others being on; shapes are as they were."""
+    nulls = nulls_of(effect, specimen)
+    values = {name: v for name, v in exact[0].items() if name not in nulls}
+    names = [n for n in nulls if not effect.parameter(n.partition(".")[2]).begins_at_null]
+    shapes = specimen.shapes(values)
+    found = specimen.observe(shapes, names).derivative
+    for name, derivative in zip(names, found, strict=True):
+        step = 3.0 * effect.parameter(name.partition(".")[2]).step
+        below, above = (
+            specimen.observe(replace(shapes, values={**shapes.values, name: v})).displacement
+            for v in (nulls[name] - step, nulls[name] + step)
+        )
+        difference = (above - below) / (2.0 * step)
+        size = np.abs(difference).max()
+        assert size > 0
+        tolerance = TOLERANCES.get(effect.id, 1e-5)
+        np.testing.assert_allclose(derivative, difference, rtol=0, atol=tolerance * size)
 
 
 @pytest.fixture(scope="module")

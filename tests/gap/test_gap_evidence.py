@@ -380,6 +380,22 @@ def test_forms_shrink_to_what_the_data_need():
     assert explore(searched(problem), np.zeros(4)).model == freeze({"a": 0})
 
 
+def test_growth_gathers_fewer_groups_than_the_best_model_has():
+    """The truth is a sum of four: from below it is not gone through once more."""
+    rng = np.random.default_rng(12)
+    rows = rng.normal(size=(60, 6))
+    measured = rows @ [1.0, 2.0, 3.0, 4.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(6)], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(6))
+    ways.by_elimination()
+    assert len(search.best.model) == 4
+    before = set(search.fits)
+    ways.from_below()
+    grown = set(search.fits) - before
+    assert max(len(model) for model in grown) == 3
+
+
 def test_no_equilibrium_is_lost_on_the_way():
     """Two coordinates that only differ far out, where nothing balances, stay within it."""
     rng = np.random.default_rng(8)

@@ -12,9 +12,8 @@ hooks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.places import Load, Scene
-from bulgefit.effects.registry import effect_named
+from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import Mesh
-from bulgefit.model.camera import Places, place, scene_of, see, see_slope, window_of
+from bulgefit.model.camera import Passage, Places, place, scene_of, window_of
 from bulgefit.model.description import (
     CONSTANTS,
     Active,
@@ -312,7 +311,8 @@ class Sight:
         self.field = _of_frames(field, self.frames)
         self.moved = self.operators(self.field)
         self.scene = self._scene(shapes.values, self.active, self.places)
-        self.displacement = see(self.scene, self.active, self.moved)
+        self.passage = Passage(self.scene, self.active, self.moved)
+        self.displacement = self.passage.reported()
 
     def _uses(self, name: str, *hooks: str) -> bool:
         return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
@@ -379,13 +379,9 @@ class Sight:
         """Add a name's derivative."""
         change = self._of_fabric(name)
         if change is not None:
-            row += self._through(change)
+            row += self.passage.through()(change)
         if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
             row += self._of_camera(name)
-
-    @cached_property
-    def _through(self) -> Callable[[Floats], Floats]:
-        return see_slope(self.scene, self.active, self.moved)
 
     def _of_fabric(self, name: str) -> Floats | None:
         """Change of the displacement at the points before the cameras' maps."""
@@ -434,16 +430,30 @@ class Sight:
 
     def _of_camera(self, name: str) -> Floats:
         """Change of what is reported at a fixed displacement of the fabric."""
+        elsewhere = ("locate", "centre", "outline", "height", "load")
+        if not self._uses(name, "motion", *elsewhere):
+            return self._of_report(name)
         ends, span = self._ends(name)
         if not self.scene.turn.any() and not self._uses(name, "see", "motion", "locate"):
             depends = any(e.uses("see", "motion") for e, _ in self.active)
             if not depends:
                 return np.zeros(1)
+        scenes = [self._scene(values, active, places) for values, active, places in ends]
+        if not self._uses(name, "see", *elsewhere):
+            return self.passage.of_motion(*scenes) / span
         below, above = (
-            see(self._scene(values, active, places), active, self.moved)
-            for values, active, places in ends
+            Passage(scene, active, self.moved).reported()
+            for scene, (_, active, _) in zip(scenes, ends, strict=True)
         )
         return np.asarray((above - below) / span)
+
+    def _of_report(self, name: str) -> Floats:
+        """The same by a parameter of an effect that changes nothing but what is seen."""
+        values, nulls = self.shapes.values, self.virtual.nulls()
+        effect = effect_named(name.partition(".")[0])
+        low, high = self.virtual.span(name, values)
+        ends = (own_values(effect, {**values, name: value}, nulls) for value in (low, high))
+        return self.passage.of_effect(effect, *ends) / (high - low)
 
 
 def virtual_tests(

@@ -107,7 +107,7 @@ def descend(
     x = np.array(layout.null)
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
-    settled = np.sqrt(2.0 * len(columns)) if roughly else _SETTLED
+    settled = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
     reach, converged, taken = _REACH, False, 1
     while taken < steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)

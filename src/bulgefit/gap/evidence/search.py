@@ -45,6 +45,8 @@ class Search(Generic[Kind]):
         Told what is tried.
     fits : dict of Model to Fit
         Every model that was fitted, at its best.
+    roughly : bool
+        Fit no closer than others may start from.
     """
 
     problem: Kind
@@ -52,6 +54,7 @@ class Search(Generic[Kind]):
     names: tuple[str, ...]
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
+    roughly: bool = False
 
     @property
     def best(self) -> Fit:
@@ -68,7 +71,14 @@ class Search(Generic[Kind]):
         self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
         try:
             found = kept(
-                lambda: descend(self.problem, self.layout, model, start, near, roughly=roughly)
+                lambda: descend(
+                    self.problem,
+                    self.layout,
+                    model,
+                    start,
+                    near,
+                    roughly=roughly or self.roughly,
+                )
             )
         except SolveError:
             return self.fits.get(model)
@@ -82,14 +92,21 @@ class Search(Generic[Kind]):
         columns = self.layout.columns(self.layout.whole(self.names))
         return self.problem.linearise(fit.x, columns, fit.here.near)
 
-    def improved(self, fit: Fit) -> Fit:
-        """A fit from which no drop, growth, addition or swap that was tried raises the evidence."""
-        while True:
+    def improved(self, fit: Fit, fewer: int | None = None) -> Fit:
+        """A fit from which no drop, growth, addition or swap that was tried raises the evidence.
+
+        Parameters
+        ----------
+        fewer : int, optional
+            Go no further by models of so many groups, unless one is the best of all.
+        """
+        while fewer is None or len(fit.model) < fewer or fit is self.best:
             around = self.around(fit)
             better = self._thinned(fit, around) or self._changed(fit, around)
             if better is None:
-                return fit
+                break
             fit = better
+        return fit
 
     def scores(self, temper: float) -> dict[Model, float]:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
@@ -227,7 +244,9 @@ class Ways(Generic[Kind]):
             named.improved(found)
 
     def from_below(self) -> None:
-        """Groups, but no fields, are added to the smallest model.
+        """Groups, but no fields, are added to the smallest model, fewer than the best one has.
+
+        With as many, what began with the wrong one would only gather others about it.
 
         Raises
         ------
@@ -235,9 +254,11 @@ class Ways(Generic[Kind]):
             Nothing balances at the start, and no model was fitted.
         """
         named = self._named
-        small = named.fit(freeze({}), self.start, self.near)
+        fewer = len(named.best.model) - 1 if named.fits else None
+        rough = replace(named, roughly=fewer is not None)
+        small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
-            named.improved(small)
+            rough.improved(small, fewer)
         elif not named.fits:
             # the same solve once more: its error says where and why nothing balances
             none = named.layout.columns(freeze({}))
