@@ -175,9 +175,11 @@ def explain(
         Centre and standard deviation that are better known.
     """
     usable = [e for e in effects if not e.never_separable]
-    usable += [f for f in fields().values() if f.parameters]
     whole = [p.data for p in prepared]
-    if len(whole) > 1:
+    several = len(whole) > 1
+    # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
+    usable += [f for f in fields().values() if f.parameters and (several or not f.shared)]
+    if several:
         usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]
     coordinates = Coordinates.of(usable, nulls, priors, same_rig=same_rig)
