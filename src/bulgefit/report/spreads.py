@@ -65,6 +65,6 @@ def _draw(panel: Any, batch: Batch, name: str) -> None:
     if spread.mean is not None:
         panel.axvline(spread.mean, color="#000000", linewidth=1)
     if spread.mean is not None and spread.standard_deviation is not None:
-        ends = spread.mean + spread.standard_deviation * np.array([-1.0, 1.0])
-        panel.axvspan(*ends, color="#E69F00", alpha=0.3, linewidth=0)
+        low, high = spread.mean + spread.standard_deviation * np.array([-1.0, 1.0])
+        panel.axvspan(low, high, color="#E69F00", alpha=0.3, linewidth=0)
     panel.set_xlabel(name if spread.unit == "1" else f"{name} ({spread.unit})")
