@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,13 @@ class Known:
         value, rows = self._curve(x)
         residual, rows = self._measured - value, rows[:, columns]
         return Linearised(
-            np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows
+            np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
+
+    def again(self, here: Linearised, x: np.ndarray) -> Linearised:
+        there = self.linearise(x, here.columns[:0])
+        residual = self._measured - self._curve(x)[0]
+        return replace(here, x=there.x, square=there.square, gradient=here.rows.T @ residual)
 
 
 def linear(groups: list[Group], rows: np.ndarray, measured: np.ndarray, **more: Any) -> Known:
@@ -233,6 +239,46 @@ def test_descends_a_bent_valley_within_what_balances(end):
     least = minimize(misfit, [1.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-9}).fun
     assert misfit(fit.x) == pytest.approx(least, abs=0.01)  # of -2 ln Z
     assert fit.steps <= 30
+
+
+def parabola(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A narrow valley with a parabola as its floor."""
+    value = np.array([1000.0 * (x[1] - 0.3 * x[0] ** 2), x[0]])
+    return value, np.array([[-600.0 * x[0], 1000.0], [1.0, 0.0]])
+
+
+def test_landings_beside_a_valleys_floor_are_corrected_by_the_same_derivatives():
+    """A straight step to the far end of the valley costs a million units: corrected, it is one."""
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 2.0]), parabola)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(2))
+    assert fit.converged
+    assert fit.x[0] == pytest.approx(2.0 / (1.0 + 1.0 / 25.0), abs=0.1)
+    assert fit.here.square == pytest.approx((2.0 - fit.x[0]) ** 2, abs=1e-3)
+    assert fit.steps <= 3
+
+
+def waves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two coordinates in a strongly bent way, 25 values."""
+    t = np.linspace(0.1, 1.0, 25)
+    value = np.sin(2 * t * x[0]) + x[1] * t * np.cos(t * x[0])
+    by = [2 * t * np.cos(2 * t * x[0]) - x[1] * t**2 * np.sin(t * x[0]), t * np.cos(t * x[0])]
+    return 30.0 * value, 30.0 * np.stack(by, axis=1)
+
+
+def test_a_rough_descent_ends_where_what_is_left_is_nothing():
+    """Within the standard deviation √(2 p) of χ² of the optimum, and short of it."""
+    noise = 100.0 * np.random.default_rng(3).normal(size=25)
+    measured = waves(np.array([1.4, 0.5]))[0] + noise
+    problem = Known([group("a", [1.0, 1.0])], measured, waves, inflation=100.0**2 / 3.0)
+    layout = Layout.of(problem.groups)
+    fits = [
+        descend(problem, layout, layout.whole(), np.array([2.5, 1.0]), roughly=roughly)
+        for roughly in (False, True)
+    ]
+    exact, rough = (f.here.square / problem.inflation + (f.x**2).sum() for f in fits)
+    assert fits[1].steps < fits[0].steps
+    assert exact < rough < exact + 2.0
 
 
 def test_a_soft_direction_among_stiff_ones_is_held_within_reach():

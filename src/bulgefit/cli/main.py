@@ -26,6 +26,7 @@ VERBS = {
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
     "align": ("bulgefit.cli.align", "lay a raw cloud of points into the clamp's frame"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
+    "measure": ("bulgefit.cli.measure", "strain and stress as measured, without a model"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
     "batch": ("bulgefit.cli.batch", "fit each of several specimens, and show their spread"),

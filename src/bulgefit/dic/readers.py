@@ -21,11 +21,13 @@ from bulgefit.dic.formats import (
     duodic,
     istra4d,
     matchid,
+    matchid_hdf5,
     vic3d,
     vic3d_mat,
 )
 from bulgefit.dic.formats.plugins import load_plugins
 from bulgefit.dic.formats.source import Place, source_of
+from bulgefit.dic.hdf5_apart import one_helper
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
@@ -33,7 +35,8 @@ __all__ = ["READERS", "Recording", "load_plugins", "read_test", "reader"]
 
 _BUILT_IN = (
     *(csv_folder, read_hdf5, read_npz, read_study),
-    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, aramis, dice, istra4d, duodic, any_table),
+    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, matchid_hdf5, aramis),
+    *(dice, istra4d, duodic, any_table),
 )
 # The study's value, taken where neither the file nor the caller gives one.
 _USUAL_POISSON_RATIO = 0.24
@@ -88,10 +91,11 @@ def read_test(
     for line in load_plugins():
         tell(line)
     source = source_of(path)
-    chosen = choose_reader(source, format, options)
     path = source.path
     try:
-        recording = chosen.read(source, **options)
+        with one_helper():
+            chosen = choose_reader(source, format, options)
+            recording = chosen.read(source, **options)
     except OSError as error:
         raise unreadable(path, error) from error
     except MemoryError:

@@ -220,9 +220,14 @@ def unreadable(path: Path, error: OSError) -> InputError:
 
 
 def file_checksum(*paths: Path) -> str:
-    """SHA-256 of one file's bytes, or of several files' bytes one after the other."""
+    """SHA-256 of one file's bytes, or of several files' names, sizes and bytes.
+
+    A name may tell a pressure, and which row of a log is whose; sizes tell where a file ends.
+    """
     digest = hashlib.sha256()
     for path in paths:
+        if len(paths) > 1:
+            digest.update(f"{path.name}\0{path.stat().st_size}\0".encode(errors="backslashreplace"))
         with path.open("rb") as file:
             while chunk := file.read(1 << 20):
                 digest.update(chunk)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several
+from bulgefit.effects.further import Further, Told
 from bulgefit.effects.places import Scene
 
 __all__ = ["EFFECT"]
@@ -42,7 +43,8 @@ class RigidMotion(Effect):
         ),
     )
     forms = (_TURNS, (*_TURNS, *_SHIFTS))
-    steady = _SHIFTS
+    # images at rest show a moved frame directly: 0.005 degree, 0.005 mm
+    told = (Told(Further.AT_REST, (*_TURNS, *_SHIFTS), 0.005),)
 
     def motion(self, own: Own, scene: Scene) -> tuple[Floats, Floats]:
         """The same in every frame."""

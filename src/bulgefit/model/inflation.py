@@ -289,7 +289,11 @@ class Inflation:
 
 
 class _Forces:
-    """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters), differences of R."""
+    """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters) at fixed displacement.
+
+    What a parameter does to law, surface, weights and clamp is a difference of descriptions, made
+    once; what those do to R is differentiated at each balance, for all parameters at once.
+    """
 
     def __init__(
         self,
@@ -303,72 +307,99 @@ class _Forces:
         self._law = [
             name
             for name, change in changes.items()
-            if change.of_law and change.below.law_parameters != change.above.law_parameters
+            if change.below.law_parameters != change.above.law_parameters
         ]
         self._before, self._after = (
             np.array([getattr(changes[name], side).law_parameters for name in self._law])
             for side in ("below", "above")
         )
-        self._others = {
-            name: tuple(inflation.membrane(d) for d in (change.below, change.above))
-            for name, change in changes.items()
-            if not change.of_law
-        }
         self._rates = {name: rate for name, c in changes.items() if (rate := c.rate).any()}
+        self._moved, self._weighed = dict[str, _Moved](), dict[str, Floats]()
+        self._clamped = dict[str, Floats]()
+        for name, change in changes.items():
+            if not change.of_law:
+                self._compare(name, change, inflation)
+        self._tilts = np.array([moved.tilt for moved in self._moved.values()])
+        self._gains = np.array([moved.gain for moved in self._moved.values()])
+        self._weights = np.array(list(self._weighed.values()))
+
+    def _compare(self, name: str, change: Change, inflation: Inflation) -> None:
+        """What a parameter of shape, clamp or thickness changes of the membrane."""
+        ends = (change.below, change.above)
+        below, above = (inflation.membrane(d) for d in ends)
+        gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
+        lifts = any(d.lift is not None for d in ends)
+        if above.surface is not below.surface or lifts:
+            tilt = (above.surface.gradient - below.surface.gradient) / change.span
+            moves = (above.reference - below.reference) / change.span
+            self._moved[name] = _Moved(moves, tilt, gain, lifts)
+        elif gain.any():
+            self._weighed[name] = gain
+        if above.clamp is not None and below.clamp is not None:
+            stiffer = (above.clamp.stiffness - below.clamp.stiffness) / change.span
+            if stiffer.any():
+                self._clamped[name] = stiffer
 
     def fields(self, balance: Equilibrium, frame: int) -> Floats:
         """∂u/∂(each parameter), (parameters, n, 3)."""
         if not self._changes:
             return np.empty((0, *balance.displacement.shape))
-        columns = dict.fromkeys(self._changes, np.zeros(self._membrane.linear.size))
-        lifts: dict[str, Floats] = {}
+        place = {name: number for number, name in enumerate(self._changes)}
+        columns = np.zeros((len(place), self._membrane.linear.size))
         if self._law:
             found = self._membrane.law_changes(balance.displacement, self._before, self._after)
             for name, column in zip(self._law, found, strict=True):
-                columns[name] = column / self._changes[name].span
-        for name, pair in self._others.items():
-            columns[name] = self._difference(name, pair, balance)
-            lift = self._lift(name, frame)
-            if lift is not None:
-                lifts[name] = lift
-                columns[name] = columns[name] + self._by_lift(lift, balance)
+                columns[place[name]] += column / self._changes[name].span
+        lifts = {name: self._lift(name, frame) for name, m in self._moved.items() if m.lifts}
+        if self._moved:
+            moves = np.array([m.moves + lifts.get(n, 0.0) for n, m in self._moved.items()])
+            columns[[place[name] for name in self._moved]] += self._membrane.reference_changes(
+                balance.displacement, balance.pressure, self._stiffness, moves,
+                self._tilts, self._gains,
+            )  # fmt: skip
+        if self._weighed:
+            columns[[place[name] for name in self._weighed]] += self._membrane.weight_changes(
+                balance.displacement, self._stiffness, self._weights
+            )
+        for name, stiffer in self._clamped.items():
+            columns[place[name]] += self._by_clamp(stiffer, balance)
         if self._rates:
             by_pressure = -self._membrane.pressure_force(balance.displacement)
             for name, rate in self._rates.items():
-                columns[name] = columns[name] + rate[frame] * by_pressure
-        right = np.asfortranarray(-np.stack(list(columns.values()), axis=1))
-        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(right).T))
-        for place, name in enumerate(self._changes):
-            if name in lifts:
-                out[place] += lifts[name]
+                columns[place[name]] += rate[frame] * by_pressure
+        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(-columns.T).T))
+        for name, lift in lifts.items():
+            out[place[name]] += lift
         return out
 
-    def _difference(self, name: str, pair: tuple[Membrane, ...], balance: Equilibrium) -> Floats:
-        """∂R/∂(a parameter of shape, clamp or thickness) at fixed displacement, (N,)."""
-        change = self._changes[name]
-        below, above = (
-            m.state(balance.displacement, balance.pressure, d.stiffness, tangent=False).residual
-            for m, d in zip(pair, (change.below, change.above), strict=True)
-        )
-        return np.asarray((above - below) / change.span)
+    def _by_clamp(self, stiffer: Floats, balance: Equilibrium) -> Floats:
+        """Change of R with the stiffness (rim, 2, 2) of the rim's springs."""
+        force = np.zeros_like(self._membrane.reference)
+        moved = balance.displacement[self._rim, :2]
+        force[self._rim, :2] = np.einsum("nij,nj->ni", stiffer, moved)
+        return self._membrane.gather(force)
 
-    def _lift(self, name: str, frame: int) -> Floats | None:
+    def _lift(self, name: str, frame: int) -> Floats:
         """∂(displacement of the rim)/∂(a parameter) as a nodal field (n, 3)."""
         change = self._changes[name]
         below, above = change.below.lift, change.above.lift
-        if below is None and above is None:
-            return None
         by = (0.0 if above is None else above[frame]) - (0.0 if below is None else below[frame])
         out = np.zeros_like(self._membrane.reference)
         out[self._rim, 2] = by / change.span
         return out
 
-    def _by_lift(self, lift: Floats, balance: Equilibrium) -> Floats:
-        """Change of R with a displacement of the rim."""
-        found = self._membrane.tangent_product(
-            balance.displacement, balance.pressure, self._stiffness, lift[None]
-        )
-        return found[0]
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Rates of a parameter's change: positions, shape gradients and weights, and if the rim lifts.
+
+    As `Membrane.reference_changes` takes them.
+    """
+
+    moves: Floats
+    tilt: Floats
+    gain: Floats
+    lifts: bool
 
 
 def _faded(mesh: Mesh) -> Floats:

@@ -12,8 +12,9 @@ hooks.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ from bulgefit.model.observation import Operators, operators
 from bulgefit.model.setup import Setup
 from bulgefit.model.window import Window
 
-__all__ = ["Prediction", "VirtualTest", "virtual_tests"]
+__all__ = ["Prediction", "Sight", "VirtualTest", "virtual_tests"]
 
 Floats = NDArray[np.float64]
 
@@ -136,7 +137,7 @@ class VirtualTest:
             name in CONSTANTS or c.below.law_parameters == c.above.law_parameters
             for name, c in changes.items()
         )
-        straight = not any((*here.fabric.gain, *here.fabric.bend))
+        straight = here.fabric.is_straight
         straight = straight or not any(name in CONSTANTS for name in changes)
         if here.is_plain and constant and same and straight:
             return self.inflation.along_path(here, given, changes)
@@ -221,7 +222,17 @@ class VirtualTest:
         points : slice or int array, optional
             Some of the block's points.
         """
-        return _Look(self, shapes, names, block, points).prediction()
+        return self.sight(shapes, names, block, points).prediction()
+
+    def sight(
+        self,
+        shapes: Shapes,
+        names: Sequence[str] = (),
+        block: int = 0,
+        points: slice | NDArray[np.intp] | None = None,
+    ) -> Sight:
+        """As `observe`, with derivatives that are worked out when they are asked for."""
+        return Sight(self, shapes, names, block, points)
 
     def operators_at(
         self, values: Values, active: Active, block: int, *, gradients: bool
@@ -256,8 +267,14 @@ class VirtualTest:
         return self._window
 
 
-class _Look:
-    """One look of the cameras at shapes: values once, derivatives name by name."""
+class Sight:
+    """One look of the cameras at shapes: values once, derivatives name by name.
+
+    Attributes
+    ----------
+    displacement : (frames, points, 3) array, mm
+        As reported.
+    """
 
     def __init__(
         self,
@@ -285,6 +302,7 @@ class _Look:
         self.field = _of_frames(field, self.frames)
         self.moved = self.operators(self.field)
         self.scene = self._scene(shapes.values, self.active, self.places)
+        self.displacement = see(self.scene, self.active, self.moved)
 
     def _uses(self, name: str, *hooks: str) -> bool:
         return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
@@ -294,17 +312,70 @@ class _Look:
         return scene_of(self.reference, places, applied, self.virtual.test.radius, active)
 
     def prediction(self) -> Prediction:
-        displacement = see(self.scene, self.active, self.moved)
-        rows = np.zeros((len(self.names), *displacement.shape))
-        if self.names:
-            through = see_slope(self.scene, self.active, self.moved)
-            for row, name in zip(rows, self.names, strict=True):
-                change = self._of_fabric(name)
-                if change is not None:
-                    row += through(change)
-                if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
-                    row += self._of_camera(name)
-        return Prediction(displacement, rows, self.shapes)
+        """With every derivative at every point."""
+        return Prediction(self.displacement, self.derivative(), self.shapes)
+
+    def derivative(self) -> Floats:
+        """(names, frames, points, 3), as in `Prediction`."""
+        rows = np.zeros((len(self.names), *self.displacement.shape))
+        for row, name in zip(rows, self.names, strict=True):
+            self._into(row, name)
+        return rows
+
+    def gathered(self, pull: Floats, group: NDArray[np.intp] | None = None) -> Floats:
+        """Σ pull · ∂displacement/∂name over the points of each group, (names, groups, frames).
+
+        What moves with the nodes alone needs no derivative at the points: with A from nodes to
+        points, Σ pull · A v = (Aᵀ pull) · v, one product for all names.
+
+        Parameters
+        ----------
+        pull : (frames, points, 3) array
+        group : (points,) int array, optional
+            Numbers of the groups, all of 0 to the largest; default: one group.
+        """
+        if group is None:
+            group = np.zeros(pull.shape[1], dtype=np.intp)
+        count = int(group.max(initial=-1)) + 1
+        out = np.zeros((len(self.names), count, len(pull)))
+        of_nodes = [self._is_of_nodes(name) for name in self.names]
+        if any(of_nodes):
+            fields = np.stack(
+                [
+                    _of_frames(self.shapes.derivative[name], self.frames)
+                    for name, own in zip(self.names, of_nodes, strict=True)
+                    if own
+                ]
+            )
+            out[of_nodes] = _gathered_by_nodes(self.operators, fields, pull, group, count)
+        for one, name, own in zip(out, self.names, of_nodes, strict=True):
+            if not own:
+                row = np.zeros(self.displacement.shape)
+                self._into(row, name)
+                np.add.at(one, group, np.einsum("kmc,kmc->mk", row, pull))
+        return out
+
+    def _is_of_nodes(self, name: str) -> bool:
+        """Whether what is reported changes as the nodes do, and by nothing else."""
+        hooks = ("see", "motion", "locate", "centre", "outline", "height", "load", "window")
+        return name in self.shapes.derivative and self._is_plain and not self._uses(name, *hooks)
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether the cameras report the fabric's displacement as it is, but for a shift."""
+        return not self.scene.turn.any() and not any(e.uses("see") for e, _ in self.active)
+
+    def _into(self, row: Floats, name: str) -> None:
+        """Add a name's derivative."""
+        change = self._of_fabric(name)
+        if change is not None:
+            row += self._through(change)
+        if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
+            row += self._of_camera(name)
+
+    @cached_property
+    def _through(self) -> Callable[[Floats], Floats]:
+        return see_slope(self.scene, self.active, self.moved)
 
     def _of_fabric(self, name: str) -> Floats | None:
         """Change of the displacement at the points before the cameras' maps."""
@@ -393,6 +464,25 @@ def _of_fabric(name: str) -> bool:
     """Whether a parameter may change shapes: those of the cameras alone do not."""
     hooks = ("outline", "height", "clamp", "material", "load")
     return name in CONSTANTS or effect_named(name.partition(".")[0]).uses(*hooks)
+
+
+def _gathered_by_nodes(
+    operators: Operators, fields: Floats, pull: Floats, group: NDArray[np.intp], count: int
+) -> Floats:
+    """Σ pull · (fields at the points) over the points of each group, (names, groups, frames).
+
+    Parameters
+    ----------
+    fields : (names, frames, nodes, 3) array
+    """
+    out = np.zeros((len(fields), count, len(pull)))
+    order = np.argsort(group, kind="stable")
+    ends = np.searchsorted(group[order], np.arange(count + 1))
+    for g in range(count):
+        own = order[ends[g] : ends[g + 1]]
+        nodes, nodal = operators.of_points(own).transposed(pull[:, own])
+        out[:, g] = np.einsum("kic,pkic->pk", nodal, fields[:, :, nodes])
+    return out
 
 
 def _some(places: Places, points: slice | NDArray[np.intp]) -> Places:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.locate import Mode, azimuthal_modes, growth_shapes
-from bulgefit.gap.structure import RINGS, SECTORS, Cell, cells_of
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes, growth_shapes
+from bulgefit.gap.residual.structure import RINGS, SECTORS, Cell, cells_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
     COMPONENTS,
@@ -166,13 +166,13 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
         limit = SIGNIFICANT * modes[0].noise
         panel.axhspan(-limit, limit, color="0.85", zorder=0)
     for mode, (colour, marker) in zip(modes, MARKERS, strict=False):
-        quiet = mode.growth == "within noise"
+        quiet = mode.growth is Growth.NONE
         panel.plot(
             mode.pressure, mode.amplitude, marker, color=colour, markersize=4,
             markerfacecolor="none" if quiet else colour, linestyle="none",
             label=f"m = {mode.order}: {mode.growth}",
         )  # fmt: skip
-        if not quiet and mode.growth != "mixed":
+        if not quiet and mode.growth is not Growth.MIXED:
             bars = np.linspace(0.0, float(mode.pressure.max()), 60)
             panel.plot(bars, _law(mode, bars), color=colour, linewidth=1.2)
     panel.legend(

@@ -6,14 +6,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from bulgefit.dic.noise import Source
 from bulgefit.effects.registry import fields
-from bulgefit.gap.diagnosis import Cause, Diagnosis
-from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.diagnosis import Cause, Diagnosis, Verdict
+from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR
 from bulgefit.gap.evidence.coordinates import effect_of
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.explain import FoundField
-from bulgefit.gap.locate import azimuthal_modes
-from bulgefit.gap.structure import Cell
+from bulgefit.gap.follow_up.separate import STIFFNESS
+from bulgefit.gap.residual.locate import Growth, azimuthal_modes
+from bulgefit.gap.residual.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
 from bulgefit.report._diagnosis_parts import data_of
 
@@ -154,18 +156,18 @@ def _listed(items: Sequence[str], last: str = "and") -> str:
 def _verdict(diagnosis: Diagnosis) -> str:
     causes = diagnosis.causes
     named = _listed([_called(c) for c in causes])
-    if diagnosis.verdict == "none":
+    if diagnosis.verdict is Verdict.NONE:
         return "The model with its moduli alone is good to the noise; nothing need be added."
-    if diagnosis.verdict == "named":
+    if diagnosis.verdict is Verdict.NAMED:
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
-    if diagnosis.verdict == "ambiguous":
+    if diagnosis.verdict is Verdict.AMBIGUOUS:
         return (
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
     places = _listed([_place(f) for f in diagnosis.explanation.fields])
     left = f"something that has no name sits in {places}" if places else "structure is left"
-    if diagnosis.verdict == "partial":
+    if diagnosis.verdict is Verdict.PARTIAL:
         sure = _listed([_called(c) for c in causes if c.probability >= SURE])
         return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
@@ -188,6 +190,9 @@ def _where(where: dict[str, float]) -> str:
         return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
     if "angle_degree" in where:
         return f"{where['angle_degree']:.0f}° from x"
+    if "strain" in where:
+        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
+        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
     return f"{where['pressure_bar']:.3g} bar"
 
 
@@ -260,7 +265,7 @@ def _worth(cause: Cause) -> Iterator[str]:
         else "On data that was not fitted the others would do as well without it."
     )
     biased = [
-        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause.bias_held else ''}"
+        f"{m} comes out {'at least ' if m == SHEAR.name and b < 0 and cause.bias_held else ''}"
         f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
         for m, b in cause.bias_if_omitted.items()
         if abs(b) >= 0.005
@@ -296,8 +301,8 @@ def _moduli(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         errors = fit.standard_errors()
         texts.append([value_text(fit.values[m], errors[m]) for m in MODULI])
         if fit.held:
-            texts[-1][MODULI.index("G12")] = f"{fit.values['G12']:.3g} at most"
-    return list(zip(MODULI, *texts, strict=True))
+            texts[-1][MODULI.index(SHEAR)] = f"{fit.values[SHEAR]:.3g} at most"
+    return list(zip((m.name for m in MODULI), *texts, strict=True))
 
 
 def _shrinkage(diagnosis: Diagnosis) -> str:
@@ -333,24 +338,15 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
     modes = [
         m
         for m in azimuthal_modes(data_of(diagnosis), diagnosis.explanation.final)
-        if m.growth != "within noise"
+        if m.growth is not Growth.NONE
     ]
     modes.sort(key=lambda m: -float(abs(m.amplitude).max()) / m.noise)
     items += [
         f"It looks like {m.component} m = {m.order}, up to {abs(m.amplitude).max():.3g} mm, "
-        f"{_growth(m.growth)}{f' ({m.test})' if several else ''}."
+        f"{m.growth.words}{f' ({m.test})' if several else ''}."
         for m in modes[:_MOST_MODES]
     ]
     return items
-
-
-def _growth(growth: str) -> str:
-    return {
-        "constant": "constant in pressure",
-        "p^(1/3)": "growing like the bulge itself, as p^(1/3)",
-        "growing": "growing in proportion to pressure",
-        "mixed": "changing with pressure in no simple way",
-    }[growth]
 
 
 def _cell(cell: Cell, several: bool) -> str:
@@ -365,13 +361,16 @@ def _actions(diagnosis: Diagnosis) -> list[str]:
     for found in diagnosis.explanation.fields:
         kind = fields()[effect_of(found.group)]
         items.append(f"{kind.id}: {kind.remedy}.")
-    if any(p.noise.source != "static images" for p in diagnosis.prepared):
+    if any(p.noise.source is not Source.AT_REST for p in diagnosis.prepared):
         items.append(
             "Film some ten images at rest before inflation: the noise had to be judged from the "
             "field itself."
         )
-    if "creep" in diagnosis.skipped:
-        items.append("Record the time of every frame: without it creep cannot be tried.")
+    items += [
+        f"Record the {need} of every frame: without it {effect} cannot be tried."
+        for effect in diagnosis.skipped
+        for need in CATALOGUE[effect].needs
+    ]
     return items
 
 
@@ -413,11 +412,13 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
                 f"{name}: the mesh's error, {sizes} µm, was taken off by Richardson's "
                 f"extrapolation; about {left} µm are left."
             )
-    if any("stiffness" in pair.effects for pair in diagnosis.pairs):
-        items.append(
-            "pressure_gain and stiffness can never be told apart by a bulge test: a gauge that "
-            "reads 1 % too high makes every modulus 1 % too high."
-        )
+    for pair in diagnosis.pairs:
+        if STIFFNESS in pair.effects:
+            effect = CATALOGUE[pair.effects[0]]
+            items.append(
+                f"{effect.id} and {STIFFNESS} can never be told apart by a bulge test: "
+                f"{effect.never_separable}."
+            )
     return [*items, *_alike(diagnosis)]
 
 

@@ -58,14 +58,18 @@ class Search(Generic[Kind]):
         """The fitted model with the most evidence."""
         return min(self.fits.values(), key=lambda fit: fit.score)
 
-    def fit(self, model: Model, start: Floats, near: object = None) -> Fit | None:
+    def fit(
+        self, model: Model, start: Floats, near: object = None, *, roughly: bool = False
+    ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
         None where nothing balances.
         """
         self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
         try:
-            found = kept(lambda: descend(self.problem, self.layout, model, start, near))
+            found = kept(
+                lambda: descend(self.problem, self.layout, model, start, near, roughly=roughly)
+            )
         except SolveError:
             return self.fits.get(model)
         known = self.fits.get(model)
@@ -219,7 +223,7 @@ class Ways(Generic[Kind]):
         """Everything but the fields is freed at once, and thinned."""
         named = self._named
         whole = named.layout.whole(named.names)
-        if (found := named.fit(whole, self.start, self.near)) is not None:
+        if (found := named.fit(whole, self.start, self.near, roughly=True)) is not None:
             named.improved(found)
 
     def from_below(self) -> None:
@@ -250,7 +254,7 @@ class Ways(Generic[Kind]):
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
             starts.append((first.x, first.here.near))
         for start, near in starts:
-            if (found := self.search.fit(whole, start, near)) is not None:
+            if (found := self.search.fit(whole, start, near, roughly=True)) is not None:
                 self.search.improved(found)
 
     def every(self) -> None:
