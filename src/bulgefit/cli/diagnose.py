@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bulgefit.cli import _common, _fitting
+from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli._effects import add_prior_argument, priors_from
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
@@ -93,11 +93,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="draw figures and a summary in plain words into this folder (made if needed)",
     )
+    _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write, draw and print."""
+    _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args))
     effects = _effects(args.effects)
     priors = priors_from(args)
@@ -115,24 +117,25 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.gap.diagnosis import diagnose
     from bulgefit.report.diagnosis import report_text
 
-    # threads would wait for each other: most of a refit is Python
-    with _common.executor_from(args, processes=workers > 1) as executor:
-        found = diagnose(
-            tests,
-            holdout=holdout,
-            effects=effects,
-            law=args.law,
-            thorough=args.thorough,
-            same_rig=args.same_rig,
-            priors=priors,
-            seed=args.seed,
-            executor=executor,
-            # those of a cluster have their own work for their cores
-            workers=1 if args.scheduler else workers,
-            say=partial(_common.step, args),
-        )
-    works = [] if args.report is None else [partial(_draw, args, found)]
-    _common.deliver(args, found.to_dict(), report_text(found), *works)
+    with _resuming.resumable(args, "diagnose", [*tests, *([holdout] if holdout else [])]):
+        # threads would wait for each other: most of a refit is Python
+        with _common.executor_from(args, processes=workers > 1) as executor:
+            found = diagnose(
+                tests,
+                holdout=holdout,
+                effects=effects,
+                law=args.law,
+                thorough=args.thorough,
+                same_rig=args.same_rig,
+                priors=priors,
+                seed=args.seed,
+                executor=executor,
+                # those of a cluster have their own work for their cores
+                workers=1 if args.scheduler else workers,
+                say=partial(_common.step, args),
+            )
+        works = [] if args.report is None else [partial(_draw, args, found)]
+        _common.deliver(args, found.to_dict(), report_text(found), *works)
     return 0
 
 

@@ -99,6 +99,11 @@ class Fabric:
     curve: Floats | None = None
     compliance: float | None = None
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether stress is proportional to strain, by the law's own measure."""
+        return self.curve is None and not any((*self.gain, *self.bend))
+
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q, as `laws.potential.PARAMETERS` names it.
 

@@ -216,6 +216,7 @@ class Diagnosis:
                     "sigma_mm": p.noise.sigma.tolist(),
                     "correlation_length_mm": p.noise.correlation_length,
                     "effective_points_per_point": 1.0 / p.noise.inflation,
+                    "effective_frames_per_frame": 1.0 / p.data.mixture,
                     "source": p.noise.source,
                 }
                 for p in self.prepared
@@ -498,6 +499,13 @@ def _left_out(prepared: Sequence[Prepared]) -> list[str]:
             out.append(
                 f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
                 "slack and wrinkles; what no model follows there counts as noise"
+            )
+        if p.data.mixture > 1.0:
+            frames = len(p.data.used)
+            out.append(
+                f"{name}: its {frames} frames are linear mixtures of "
+                f"{round(frames / p.data.mixture)} and count as so many; interpolation between "
+                "frames that are far apart is off, which may look like a cause at light pressure"
             )
         if p.strays:
             out.append(

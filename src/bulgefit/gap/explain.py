@@ -35,6 +35,7 @@ from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import Structure, structure
+from bulgefit.parallel.journal import kept
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -195,7 +196,7 @@ def explain(
     found = search.best
     say("the best model, by all points")
     weighing = Weighing(whole, coordinates, search.problem.offsets)
-    fit = descend(weighing, layout, found.model, found.x, found.here.near)
+    fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
     tempered = temper(whole, final.predictions, free)
@@ -246,16 +247,17 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return descend(weighing, layout, model, start, roughly=True)
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return descend(weighing, layout, model, other, roughly=True)
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
     return [
-        d.thinned(min(round(d.inflation), len(d.specimen.reference) // LEAST_POINTS)) for d in data
+        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
+        for d in data
     ]
 
 
@@ -386,7 +388,7 @@ def _taken_apart(
     executor: Executor,
 ) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = [name for name, _ in fit.model]
+    names = sorted(name for name, _ in fit.model)
     beside = (weighing, layout, fit.x, fit.here.near)
     creased = weighing.offsets is not None
     scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]

@@ -121,14 +121,13 @@ def law_table(data: Sequence[Data], final: Regression) -> LawTable:
     covariance = final.covariance()[np.ix_(place, place)]
     variance = np.einsum("iak,ij,jak->ak", rows, covariance, rows)
     _, fabric = cloth_law(_with_ratio(data[0], of_the_cloth(final.values)), specimen.nulls())
-    bent = any((*fabric.gain, *fabric.bend)) or fabric.curve is not None
     return LawTable(
         strain,
         told(final.values),
         np.sqrt(variance),
         reached,
         float(specimen.test.thickness),
-        bent,
+        not fabric.is_straight,
     )
 
 

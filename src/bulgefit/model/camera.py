@@ -45,8 +45,13 @@ class Places:
     unit: Floats
 
 
-def place(reference: Floats, radius: float, active: Active) -> Places:
-    """Find points seen at `reference` (n, 3) mm: undo the cameras, then the clamp's outline."""
+def place(
+    reference: Floats, radius: float, active: Active, stretch: Floats | float = 1.0
+) -> Places:
+    """Find points seen at `reference` (n, 3) mm: undo the cameras, then the clamp's outline.
+
+    `stretch` is the clamp's semi-axes over its radius, where it is an ellipse.
+    """
     position, centre = reference[:, :2], np.zeros(2)
     before = [(e, own) for e, own in active if e.order <= MOTION]
     for effect, own in reversed([(e, own) for e, own in active if e.order > MOTION]):
@@ -55,7 +60,7 @@ def place(reference: Floats, radius: float, active: Active) -> Places:
     for effect, own in reversed(before):
         on_fabric = effect.locate(own, on_fabric, radius)
         centre = centre + effect.centre(own)
-    target = (on_fabric - centre) / radius
+    target = (on_fabric - centre) / (radius * stretch)
     outlines = [(effect, own) for effect, own in active if effect.uses("outline")]
     unit = target
     for _ in range(_CORRECTIONS if outlines else 0):

@@ -135,6 +135,7 @@ def describe(
     active: Active,
     *,
     slips: bool = False,
+    stretch: Floats | float = 1.0,
 ) -> Description:
     """Fill shape, clamp, material and load by the hooks of the active effects.
 
@@ -148,6 +149,8 @@ def describe(
     slips : bool
         Let the rim move by the least compliance where nothing else makes it: its derivative there
         is that of a clamp that begins to slip.
+    stretch : float or (2,) array
+        The clamp's semi-axes over its radius: effects act on the disc of which it is the image.
 
     Raises
     ------
@@ -155,8 +158,8 @@ def describe(
         Constants that are not admissible.
     """
     load = Load(recorded, time, recorded)
-    unit = mesh.nodes / radius
-    cloth = _cloth(values, active, _gauss_points(mesh) / radius)
+    unit = mesh.nodes / (radius * stretch)
+    cloth = _cloth(values, active, _gauss_points(mesh) / (radius * stretch))
     outline, height, bent = unit, np.zeros(len(unit)), False
     for effect, own in active:
         load = effect.load(own, load)
@@ -173,7 +176,7 @@ def describe(
         compliance = max(compliance or 0.0, LEAST_SLIP)
     if not (np.asarray(load.softening) > 0.0).all():
         raise InputError("the fabric's stiffness falls to nothing within the test")
-    surface = np.column_stack([outline * radius, height]) if bent else None
+    surface = np.column_stack([outline * (radius * stretch), height]) if bent else None
     return Description(
         stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
         angle=float(np.deg2rad(cloth.angle)),
@@ -221,6 +224,7 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
         gain=(cloth.gain[0] * cloth.E1, cloth.gain[1] * cloth.E2),
         bend=(cloth.bend[0] * cloth.E1, cloth.bend[1] * cloth.E2),
         knee=cloth.knee,
+        curve=cloth.curve,
         compliance=compliance,
     )
 

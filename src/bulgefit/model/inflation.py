@@ -19,7 +19,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.model.description import CONSTANTS, Description
@@ -89,6 +89,8 @@ class Inflation:
     Parameters
     ----------
     radius, thickness : float, mm
+    ellipticity : float
+        Semi-axes of the clamp over its radius, less 1, + along x.
     highest : float, MPa
         Pressure up to which paths are traced.
     setup : Setup
@@ -98,14 +100,19 @@ class Inflation:
     thickness: float
     highest: float
     setup: Setup
+    ellipticity: float = 0.0
     mesh: Mesh = field(init=False)
     _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
     _path: tuple[object, Path] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self.mesh = self.setup.mesh or disc(self.radius, self.setup.refine)
-        rim = np.hypot(*self.mesh.nodes[self.mesh.rim].T)
+        self.mesh = self.setup.mesh or ellipse(self.radius, self.ellipticity, self.setup.refine)
+        stretch = np.array([1.0 + self.ellipticity, 1.0 - self.ellipticity])
+        rim = np.hypot(*(self.mesh.nodes[self.mesh.rim] / stretch).T)
         if np.abs(rim / self.radius - 1).max() > 1e-3:
+            if self.ellipticity:
+                a, b = self.radius * stretch
+                raise InputError(f"mesh: its rim is not the clamp's, of semi-axes {a:g}, {b:g} mm")
             raise InputError(
                 f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
                 f"the clamp at {self.radius:g} mm; give a mesh of that disc"
@@ -115,9 +122,10 @@ class Inflation:
 
     @classmethod
     def of(cls, tests: Sequence[BulgeTest], setup: Setup) -> Inflation:
-        """Of tests of one radius and thickness."""
+        """Of tests of one clamp and thickness."""
         highest = max(float(test.pressure.max()) for test in tests)
-        return cls(tests[0].radius, tests[0].thickness, highest, setup)
+        first = tests[0]
+        return cls(first.radius, first.thickness, highest, setup, first.ellipticity)
 
     def __getstate__(self) -> dict[str, object]:
         # what is as soon made as sent is made again
@@ -140,14 +148,15 @@ class Inflation:
         return made
 
     def path(self, given: Description, values: Mapping[str, float], sensitivities: bool) -> Path:
-        """The path of a plain specimen up to the highest pressure of all; the last one is kept."""
-        key = given.law_parameters
+        """The path of a plain specimen up to the highest pressure of all; the last one is kept.
+
+        It is taken again for the very same path alone: one that was traced further, or with
+        sensitivities, differs by the solver's tolerance, and results would tell what came before.
+        """
         high = max(self.highest, float(np.max(given.load.balanced)))
-        if self._path is not None:
-            known, path = self._path
-            fits = path.pressure[-1] >= high * (1 - 1e-12)
-            if known == key and fits and (path.sensitivity is not None or not sensitivities):
-                return path
+        key = given.law_parameters, high, sensitivities
+        if self._path is not None and self._path[0] == key:
+            return self._path[1]
         if self.setup.interpolation == "study":
             above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
             high = float(STUDY_LEVELS[above])

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 NEIGHBOURS = 36
 _TERMS = 10  # of a cubic in x and y
-_CHUNK = 4000  # points at a time
+_CHUNK = 500  # points at a time: their systems are 17 kB each
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,6 +190,9 @@ def _where(where: dict[str, float]) -> str:
         return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
     if "angle_degree" in where:
         return f"{where['angle_degree']:.0f}° from x"
+    if "strain" in where:
+        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
+        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
     return f"{where['pressure_bar']:.3g} bar"
 
 

@@ -17,6 +17,7 @@ from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
+from bulgefit.parallel.journal import kept
 
 __all__ = ["Search", "Ways"]
 
@@ -66,7 +67,9 @@ class Search(Generic[Kind]):
         """
         self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
         try:
-            found = descend(self.problem, self.layout, model, start, near, roughly=roughly)
+            found = kept(
+                lambda: descend(self.problem, self.layout, model, start, near, roughly=roughly)
+            )
         except SolveError:
             return self.fits.get(model)
         known = self.fits.get(model)
@@ -166,7 +169,7 @@ class Search(Generic[Kind]):
 
     def _smaller(self, model: Model) -> Iterator[Model]:
         """One group less, or one in its next smaller form."""
-        forms = dict(model)
+        forms = dict(sorted(model))  # as in every process, whatever its hashes are
         for name, form in forms.items():
             rest = {k: f for k, f in forms.items() if k != name}
             yield freeze(rest)
