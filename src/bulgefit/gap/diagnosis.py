@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
@@ -141,6 +142,11 @@ class Diagnosis:
     holdout: HeldOutTest | None = None
     warnings: list[str] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        names = ", ".join(test.name for test in self.tests)
+        causes = "; ".join(f"{c.effect} {c.probability:.3g}" for c in self.causes) or "no causes"
+        return f"Diagnosis of {names}: {self.verdict} ({causes})"
+
     def to_dict(self) -> dict[str, Any]:
         """The diagnosis as JSON types."""
         start, rest = self.explanation.start, self.explanation.remainder
@@ -215,7 +221,7 @@ class Diagnosis:
 
 
 def diagnose(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     *,
     holdout: BulgeTest | None = None,
     effects: Iterable[str] | None = None,
@@ -230,7 +236,7 @@ def diagnose(
 
     Parameters
     ----------
-    tests : BulgeTest or sequence of BulgeTest
+    tests : BulgeTest, path, or sequence of them
         Several are judged together: material effects are shared, all others are each test's own.
     holdout : BulgeTest, optional
         A specimen that takes no part: what specimens share comes from the others, its own
@@ -260,7 +266,7 @@ def diagnose(
         The baseline finds no equilibrium.
     """
     began = time.perf_counter()
-    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    given = given_tests(tests)
     if not given:
         raise InputError("no bulge test was given")
     wanted = chosen_effects(effects)
