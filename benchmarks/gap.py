@@ -30,8 +30,8 @@ from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
 from bulgefit.effects.places import KNEE
-from bulgefit.gap.measure import gap_of, weight_of
 from bulgefit.gap.regress import Regression
+from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
 
 TESTS = (1, 2, 4)

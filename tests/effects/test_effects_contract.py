@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,14 @@ import pytest
 
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
-from bulgefit.effects.registry import catalogue, own_values
+from bulgefit.effects.registry import catalogue, effect_named, own_values, scatter
 from bulgefit.model.virtual_test import VirtualTest
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "src" / "bulgefit"
 
 MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
-EFFECTS = list(catalogue().values())
+EFFECTS = [*catalogue().values(), *scatter().values()]
 IDS = [effect.id for effect in EFFECTS]
 
 #: Place, and unit of each parameter, as the design of the model has them; "*" stands for the rest.
@@ -33,6 +34,7 @@ DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
     "axis_misalignment": ("material", {"angle": "degree"}),
     "poisson_ratio": ("material", {"nu12": "1"}),
     "nonlinear_material": ("material", {"*": "1"}),
+    "specimen_factor": ("material", {"warp": "1", "fill": "1"}),
     "stiffness_gradient": ("material", {"g_x": "1", "g_y": "1"}),
     "creep": ("material", {"rate": "1 per decade"}),
     "pressure_offset": ("load", {"offset": "bar"}),
@@ -237,7 +239,7 @@ def ends_of(name: str, value: float) -> tuple[tuple[float, float], float]:
         step = 1e-3 * value
     else:
         effect, _, parameter = name.partition(".")
-        p = catalogue()[effect].parameter(parameter)
+        p = effect_named(effect).parameter(parameter)
         if p.coordinate == "square":
             return (math.sqrt(value**2 - 1.0), math.sqrt(value**2 + 1.0)), 2.0
         # where the parameter is steep, as the knee is, a part of itself
@@ -266,6 +268,33 @@ def test_derivative_is_that_of_differences(
     assert size > 0
     miss = np.abs(derivatives[name] - difference).max(axis=(0, 2)) / size
     assert miss.max() < TOLERANCES.get(name.partition(".")[0], 1e-5)
+
+
+#: Of the cameras' effects, those that leave the points where they are.
+SEEING = [e for e in EFFECTS if e.uses("see", "motion") and not e.uses("locate")]
+
+
+@pytest.mark.parametrize("effect", SEEING, ids=lambda e: e.id)
+def test_derivative_of_an_absent_effect_goes_through_those_that_see_after_it(
+    effect: Effect, specimen: VirtualTest, exact: tuple[dict[str, float], object]
+) -> None:
+    """The others being on; shapes are as they were."""
+    nulls = nulls_of(effect, specimen)
+    values = {name: v for name, v in exact[0].items() if name not in nulls}
+    names = [n for n in nulls if not effect.parameter(n.partition(".")[2]).begins_at_null]
+    shapes = specimen.shapes(values)
+    found = specimen.observe(shapes, names).derivative
+    for name, derivative in zip(names, found, strict=True):
+        step = 3.0 * effect.parameter(name.partition(".")[2]).step
+        below, above = (
+            specimen.observe(replace(shapes, values={**shapes.values, name: v})).displacement
+            for v in (nulls[name] - step, nulls[name] + step)
+        )
+        difference = (above - below) / (2.0 * step)
+        size = np.abs(difference).max()
+        assert size > 0
+        tolerance = TOLERANCES.get(effect.id, 1e-5)
+        np.testing.assert_allclose(derivative, difference, rtol=0, atol=tolerance * size)
 
 
 @pytest.fixture(scope="module")

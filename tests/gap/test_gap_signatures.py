@@ -12,8 +12,8 @@ from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Known
+from bulgefit.gap.follow_up.separate import cosine_matrix, norms_left
 from bulgefit.gap.normal import normal_equations
-from bulgefit.gap.separate import cosine_matrix, norms_left
 from bulgefit.gap.specimen import Specimen
 
 VALUES = {"E1": 330.0, "E2": 200.0, "G12": 12.0}

@@ -16,7 +16,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import structure
+from bulgefit.gap.residual.structure import structure
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 START = dict(zip(MODULI, TRUTH.values(), strict=True))

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from bulgefit.dic import BulgeTest
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.diagnosis import Verdict, diagnose
 from bulgefit.gap.effects import SHEAR
 from bulgefit.gap.explain import FoundField
 from bulgefit.gap.specimen import Specimen
@@ -139,7 +139,9 @@ def replace_groups(found, **changes):
         "explained": found.gaps["baseline"],
         "heldout_explained": found.gaps["heldout_baseline"],
     }
-    return replace(found, verdict="unknown", causes=[], explanation=kept, gaps=gaps, **changes)
+    return replace(
+        found, verdict=Verdict.UNKNOWN, causes=[], explanation=kept, gaps=gaps, **changes
+    )
 
 
 @pytest.mark.parametrize("target", ["file", "file/sub"])
@@ -190,11 +192,11 @@ def test_words_of_every_verdict(found):
     assert "standard errors" in text
     assert "It looks like" in text
     silent = replace_groups(found, rest=found.explanation.remainder)
-    silent.verdict = "none"
+    silent.verdict = Verdict.NONE
     assert "good to the noise" in text_of(words.page(silent))
     (cause,) = found.causes
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
-    ambiguous = replace(found, verdict="ambiguous", causes=[split])
+    ambiguous = replace(found, verdict=Verdict.AMBIGUOUS, causes=[split])
     for text in (text_of(words.page(ambiguous)), report_text(ambiguous)):
         assert "one of rigid_motion or fixture_motion" in text
         assert "edge of what is plausible" in " ".join(text.split())
@@ -218,7 +220,7 @@ def test_what_has_no_name_is_told_by_its_place(found, group, where, told):
     )
     found_field = FoundField(group, sampled)
     explanation = replace(found.explanation, fields=[found_field])
-    text = text_of(words.page(replace(found, verdict="partial", explanation=explanation)))
+    text = text_of(words.page(replace(found, verdict=Verdict.PARTIAL, explanation=explanation)))
     assert "is sure; beside that, something that has no name sits in the place" in text
     assert told in text
     unnamed = replace_groups(found)

@@ -30,6 +30,7 @@ VERBS = {
     "show": ("bulgefit.cli.show", "picture, animation or ParaView files of a test"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
+    "batch": ("bulgefit.cli.batch", "fit each of several specimens, and show their spread"),
     "crossval": ("bulgefit.cli.crossval", "fit with each test left out in turn"),
     "diagnose": ("bulgefit.cli.diagnose", "find where and why the model misses tests"),
     "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
@@ -108,8 +109,9 @@ def _dispatch(words: list[str]) -> int:
     args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
     check_config(args)
+    asked = argparse.Namespace(**vars(args))  # a verb may fill in what it finds out
     status = int(module.run(args))
-    save_config(parser, args)
+    save_config(parser, asked)
     return status
 
 

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli import _common
+from bulgefit.cli import _common, _resuming
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,11 +77,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)
+    _resuming.add_resume_arguments(parser, "--output")
     _common.add_json_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Make, seal, diagnose, open, score."""
+    _resuming.ready(args)
     folder = Path(args.output)
     kept = [p for part in ("tests", "sealed", "answers") for p in folder.glob(f"{part}/*")]
     _common.check_outputs(args, [folder / "trial.json", folder / "seals.txt", *kept])
@@ -102,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     elsewhere: AbstractContextManager[Executor | None] = nullcontext()
     if args.scheduler is not None:
         elsewhere = _common.executor_from(args)
-    with elsewhere as executor:
+    with _resuming.resumable(args, "trial") as resumed, elsewhere as executor:
         result = run_trial(
             args.number,
             args.seed,
@@ -114,9 +116,10 @@ def run(args: argparse.Namespace) -> int:
             options={"effects": [*CATALOGUE]} if args.strike else None,
             recipe=Recipe(shrink=args.shrink),
             executor=executor,
+            resume=resumed,
             say=lambda line: _common.progress(args, line),
         )
-    return _told(args, result)
+        return _told(args, result)
 
 
 def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:

@@ -87,6 +87,7 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
             test.pressure[frames],
             name=test.name,
             radius=test.radius,
+            ellipticity=test.ellipticity,
         )
         residual = None
     together = np.isfinite(test.blocks[0].displacement).all(axis=2).sum(axis=1)

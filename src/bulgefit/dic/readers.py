@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ def read_test(
     format: str | None = None,
     radius: float | None = None,
     thickness: float | None = None,
+    semi_axes: tuple[float, float] | None = None,
     poisson_ratio: float | None = None,
     name: str | None = None,
     crop: float | None = None,
@@ -65,6 +67,8 @@ def read_test(
         One of `READERS`, as `bulgefit formats` lists them; by default it is seen from the files.
     radius, thickness : float, mm, optional
         Override what the file says.
+    semi_axes : (along x, along y), mm, optional
+        Of an elliptic clamp, in the place of its radius.
     poisson_ratio : float, optional
         Overrides what the file says; 0.24 where neither says.
     name : str, optional
@@ -107,7 +111,7 @@ def read_test(
         check_pressure_unit(pressure, recording.pressure_unit, str(path))
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
-        "radius": _given(radius, recording.radius, "radius", path),
+        **_clamp(radius, semi_axes, recording, path),
         "thickness": _given(thickness, recording.thickness, "thickness", path),
         "poisson_ratio": _usual(poisson_ratio, recording.poisson_ratio),
         "time": recording.time,
@@ -132,6 +136,24 @@ def read_test(
 
 def _silent(line: str) -> None:
     """Say nothing."""
+
+
+def _clamp(
+    radius: float | None,
+    semi_axes: tuple[float, float] | None,
+    recording: Recording,
+    path: Path,
+) -> dict[str, float]:
+    """Radius and ellipticity: what is asked for, else what the file says."""
+    if semi_axes is None:
+        oval = 0.0 if radius is not None else recording.ellipticity or 0.0
+        return {"radius": _given(radius, recording.radius, "radius", path), "ellipticity": oval}
+    if radius is not None:
+        raise InputError("--radius and --semi-axes do not go together: an ellipse has no radius")
+    a, b = semi_axes
+    if not (0 < a < math.inf and 0 < b < math.inf):
+        raise InputError(f"--semi-axes {a:g} {b:g}: give two lengths above 0 mm, along x and y")
+    return {"radius": (a + b) / 2, "ellipticity": (a - b) / (a + b)}
 
 
 def _given(asked: float | None, said: float | None, key: str, path: Path) -> float:

@@ -40,6 +40,8 @@ class Recording:
         Reference and displacement of each frame, given where they do not.
     radius, thickness : float, mm, or None
         None where the file does not say.
+    ellipticity : float or None
+        Of the clamp: its semi-axes over their mean, less 1, + along x.
     poisson_ratio : float or None
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
@@ -66,6 +68,7 @@ class Recording:
     pressure_unit: str = "MPa"
     notes: Sequence[str] = ()
     history: Sequence[str] = ()
+    ellipticity: float | None = None
 
 
 @dataclass(frozen=True)

@@ -62,11 +62,15 @@ class ReferenceState(Effect):
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
         """See the class."""
-        coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
-        if not coefficients.any():
+        if not any(own[name] for name in _AXIS_MAJOR):
             return moved
-        state = (coefficients @ reference_modes(scene.reference, scene.radius)).T
+        state = self.at_rest(own, scene.reference, scene.radius)
         return moved - flattened(scene.pressure, own["flattening"])[:, None, None] * state
+
+    def at_rest(self, own: Own, reference: Floats, radius: float) -> Floats:
+        """u_ref (n, 3) mm at points (n, 3) mm."""
+        coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
+        return np.asarray((coefficients @ reference_modes(reference, radius)).T)
 
 
 def reference_modes(reference: Floats, radius: float) -> Floats:

@@ -28,9 +28,9 @@ class RigidMotion(Effect):
         *several(
             _TURNS,
             "degree",
-            3.0,
-            prior=0.5,
-            reason="a tripod that is touched turns by tenths of a degree",
+            5.0,
+            prior=1.0,
+            reason="a tripod that is touched turns by tenths of a degree, one set up anew by more",
             step=1e-4,
         ),
         *several(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key
-from bulgefit.effects.registry import fields
+from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
-from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
+from bulgefit.gap.evidence.coordinates import (
+    MATERIAL,
+    Coordinates,
+    effect_of,
+    is_field,
+    specimen_of,
+)
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
@@ -28,7 +34,8 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import Structure, structure
+from bulgefit.gap.residual.structure import Structure, structure
+from bulgefit.parallel.journal import kept
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -141,6 +148,8 @@ def explain(
     say: Callable[[str], None] = lambda _: None,
     *,
     thorough: bool = False,
+    same_rig: bool = False,
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Explanation:
     """Free all effects at once, take out what the evidence lets go, and weigh what is left.
 
@@ -160,12 +169,20 @@ def explain(
         Told what is tried.
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
+    same_rig : bool
+        Whether clamp and cameras are the same for all specimens.
+    priors : mapping of modulus to (MPa, MPa), optional
+        Centre and standard deviation that are better known.
     """
     usable = [e for e in effects if not e.never_separable]
-    usable += [f for f in fields().values() if f.parameters]
     whole = [p.data for p in prepared]
+    several = len(whole) > 1
+    # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
+    usable += [f for f in fields().values() if f.parameters and (several or not f.shared)]
+    if several:
+        usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]
-    coordinates = Coordinates.of(usable, nulls)
+    coordinates = Coordinates.of(usable, nulls, priors, same_rig=same_rig)
     layout = Layout.of(coordinates.groups)
     start = np.array(layout.null)
     start[: len(MODULI)] = np.log([START[m] for m in MODULI])
@@ -181,7 +198,7 @@ def explain(
     found = search.best
     say("the best model, by all points")
     weighing = Weighing(whole, coordinates, search.problem.offsets)
-    fit = descend(weighing, layout, found.model, found.x, found.here.near)
+    fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
     tempered = temper(whole, final.predictions, free)
@@ -232,16 +249,17 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return descend(weighing, layout, model, start)
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return descend(weighing, layout, model, other)
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
     return [
-        d.thinned(min(round(d.inflation), len(d.specimen.reference) // LEAST_POINTS)) for d in data
+        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
+        for d in data
     ]
 
 
@@ -372,10 +390,12 @@ def _taken_apart(
     executor: Executor,
 ) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = [name for name, _ in fit.model]
+    names = sorted(name for name, _ in fit.model)
     beside = (weighing, layout, fit.x, fit.here.near)
     creased = weighing.offsets is not None
-    alone = (_refit(beside, freeze({})) or baseline) if creased and names else baseline
+    scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
+    more = creased or bool(scattering)
+    alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
 
     def refitted(models: Sequence[Model]) -> list[Regression | None]:
         some = [model for model in models if model]
@@ -395,9 +415,11 @@ def _taken_apart(
     between = refitted([_less(fit.model, names[k:]) for k in range(1, len(names) - 1)])
     fits = [alone, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
     steps, last = [], alone
-    if creased:
+    if more:
         last = alone if names else final
-        steps.append(Step(CREASES, baseline, last))
+        steps.append(
+            Step(" + ".join([*scattering, *([CREASES] if creased else [])]), baseline, last)
+        )
     for name, after in zip(names, fits[1:], strict=True) if names else ():
         steps.append(Step(name, last, after or last))
         last = after or last

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers, rough_part
 from bulgefit.errors import InputError
 from bulgefit.gap.data import Data
@@ -103,7 +104,8 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     noise = estimate_noise(test)
     specimen = Specimen(test, law=law, threads=threads)
     used = np.isfinite(block.displacement)
-    data = Data(specimen, noise.sigma, used, noise.inflation)
+    mixture = len(test.pressure) / independent_frames(test)
+    data = Data(specimen, noise.sigma, used, mixture * noise.inflation, mixture=mixture)
     return Prepared(data, noise, rough_from, np.zeros(3))
 
 
@@ -186,7 +188,8 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
         return
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     prepared.noise = estimate_noise(test, residual)
-    data.sigma, data.inflation = prepared.noise.sigma, prepared.noise.inflation
+    data.sigma = prepared.noise.sigma
+    data.inflation = data.mixture * prepared.noise.inflation
     data.persistent = prepared.noise.persistent
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.measure import fitted_gap, held_out_gap, weight_of
-from bulgefit.gap.separate import ALIKE, cosine_matrix
+from bulgefit.gap.follow_up.separate import ALIKE, cosine_matrix
+from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, weight_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import data_of
 

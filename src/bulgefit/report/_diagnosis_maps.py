@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.locate import Growth, Mode, azimuthal_modes, growth_shapes
-from bulgefit.gap.structure import RINGS, SECTORS, Cell, cells_of
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes, growth_shapes
+from bulgefit.gap.residual.structure import RINGS, SECTORS, Cell, cells_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
     COMPONENTS,

@@ -13,9 +13,9 @@ from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR
 from bulgefit.gap.evidence.coordinates import effect_of
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.explain import FoundField
-from bulgefit.gap.locate import Growth, azimuthal_modes
-from bulgefit.gap.separate import STIFFNESS
-from bulgefit.gap.structure import Cell
+from bulgefit.gap.follow_up.separate import STIFFNESS
+from bulgefit.gap.residual.locate import Growth, azimuthal_modes
+from bulgefit.gap.residual.structure import Cell
 from bulgefit.report._diagnosis_maps import SIGNIFICANT
 from bulgefit.report._diagnosis_parts import data_of
 
@@ -190,6 +190,9 @@ def _where(where: dict[str, float]) -> str:
         return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
     if "angle_degree" in where:
         return f"{where['angle_degree']:.0f}° from x"
+    if "strain" in where:
+        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
+        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
     return f"{where['pressure_bar']:.3g} bar"
 
 

@@ -65,7 +65,7 @@ def _read(path: Path, ask: Ask) -> list[Frame]:
             signals=_signals(found, [*recorded], i, steps, path),
             has_units=False,
         )
-        zero = ~np.hstack([position[i], displacement[i]]).any(axis=1)
+        zero = np.asarray(~np.hstack([position[i], displacement[i]]).any(axis=1))
         frames.append(measured_rows(frame, zero))
     return frames
 

@@ -23,7 +23,7 @@ class Sampled:
     ----------
     values : (m,) array
     where : dict of name to (m,) array
-        `x_mm` and `y_mm`, `angle_degree`, or `pressure_bar`.
+        `x_mm` and `y_mm`, `angle_degree`, `pressure_bar`, or `strain` and `from_warp_degree`.
     """
 
     values: Floats

@@ -139,7 +139,7 @@ def _with_rim_points(d: Data) -> Specimen:
     angle = np.linspace(0, 2 * np.pi, 120, endpoint=False)
     ring = np.concatenate(
         [
-            share * d.specimen.test.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            share * d.specimen.test.semi_axes * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             for share in (0.95, 0.97, 0.99)
         ]
     )
@@ -157,6 +157,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         np.zeros((len(pressure), len(points), 3)),
         pressure,
         radius=specimen.test.radius,
+        ellipticity=specimen.test.ellipticity,
         thickness=specimen.test.thickness,
         poisson_ratio=specimen.test.poisson_ratio,
         time=time,

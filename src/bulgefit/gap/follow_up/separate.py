@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Key
-from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.explain import Known
 
 __all__ = ["STIFFNESS", "Pair", "cosine_matrix", "indistinguishable", "norms_left"]
@@ -31,13 +31,16 @@ class Pair:
 
 
 def _projected(known: Known, keys: Sequence[Key]) -> tuple[Floats, Floats]:
-    """Normal matrix of `keys` with the moduli projected out, and their norms before."""
+    """Normal matrix of `keys` with the moduli projected out, and their norms before.
+
+    And with what specimens scatter by, which together may go against the moduli.
+    """
     h = known.hessian
-    base = [known.keys.index(m) for m in MODULI]
+    base = [place for place, key in enumerate(known.keys) if key.effect not in CATALOGUE]
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]
     across = h[np.ix_(base, index)]
-    left = whole - across.T @ np.linalg.solve(h[np.ix_(base, base)], across)
+    left = whole - across.T @ np.linalg.pinv(h[np.ix_(base, base)], hermitian=True) @ across
     return left, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 

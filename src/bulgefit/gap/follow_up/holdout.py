@@ -19,9 +19,10 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
 from bulgefit.gap.keys import is_shared, start_of
-from bulgefit.gap.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
+from bulgefit.gap.scatter import of_the_cloth
 
 __all__ = ["HeldOutTest", "judge_held_out"]
 
@@ -98,9 +99,18 @@ def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
 
 
 def _divided(final: Regression) -> tuple[dict[Key, float], tuple[Key, ...]]:
-    """What the specimens share, by value, and what is each one's own, as this one has it."""
-    shared = {key: value for key, value in final.values.items() if is_shared(key)}
-    own = (key._replace(specimen=None) for key in final.columns if not is_shared(key))
+    """What the specimens share, by value, and what is each one's own, as this one has it.
+
+    Of several, what no one owns is the cloth's or the rig's; the factors of those are about its
+    mean.
+    """
+    several = len(final.predictions) > 1
+
+    def common(key: Key) -> bool:
+        return is_shared(key) or (several and key.specimen is None)
+
+    shared = {k: value for k, value in of_the_cloth(final.values).items() if common(k)}
+    own = (key._replace(specimen=None) for key in final.columns if not common(key))
     return shared, tuple(dict.fromkeys(own))
 
 
