@@ -120,6 +120,15 @@ def test_a_journal_of_another_run_is_refused(begun: Path, other: dict, message: 
     assert begun.read_bytes() == content
 
 
+def test_a_journal_that_is_refused_stays(begun: Path) -> None:
+    content = begun.read_bytes()
+    damaged = content[:60] + b"x" + content[61:]
+    begun.write_bytes(damaged)
+    with pytest.raises(InputError, match="damaged at its beginning; begin anew with --force"):
+        run(begun, Tasks(), resume=True)
+    assert begun.read_bytes() == damaged
+
+
 @pytest.mark.parametrize("options", [{"resume": True}, {"force": True}])
 def test_what_is_no_journal_stays(path: Path, options: dict) -> None:
     path.write_bytes(b"bulgefit,1,2\n" * 100)

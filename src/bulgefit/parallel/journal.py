@@ -214,12 +214,17 @@ def journaled(
     token = _current.set(journal)
     try:
         _check_asked(journal, plain)
-        yield journal
-        _remove(journal)
+        ended = False
+        try:
+            yield journal
+            ended = True
+        finally:
+            if ended or journal.is_empty:
+                journal.close()
+                with suppress(OSError):
+                    place.unlink(missing_ok=True)
     finally:
         _current.reset(token)
-        if journal.is_empty:
-            _remove(journal)
         journal.close()
 
 
@@ -285,11 +290,6 @@ def _difference(part: str, old: Any, new: Any) -> str:
             if old.get(name) != new.get(name):
                 return _difference(f"{part} {name}", old.get(name), new.get(name))
     return f"{part} {json.dumps(old)}, not {json.dumps(new)}"
-
-
-def _remove(journal: Journal) -> None:
-    with suppress(OSError):
-        journal.path.unlink(missing_ok=True)
 
 
 def _record(file: BinaryIO, place: int) -> tuple[int, int, bytes] | None:
