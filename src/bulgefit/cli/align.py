@@ -22,6 +22,10 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "lay a raw cloud of points into the clamp's frame; bin it, mask it, drop strays"
 
 
+#: Version of the JSON.
+FORMAT = 1
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -134,6 +138,7 @@ def run(args: argparse.Namespace) -> int:
 
     test = read_test(args.input, mends=[align], **reader_options(args))
     payload = {
+        "format": FORMAT,
         "source": test.source,
         "checksum": test.checksum,
         "output": args.output,

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from bulgefit.cli import _common, _fitting
+from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -31,20 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
     _common.add_json_arguments(parser)
+    add_report_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Cross-validate and print."""
-    _common.check_outputs(args, _fitting.inputs(args))
+    _common.check_outputs(args, _fitting.inputs(args), check_page(args))
     tests = _fitting.read_tests(args)
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
 
     from bulgefit.fitting.crossval import crossval
+    from bulgefit.fitting.result import describe_tests
 
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
     with _common.executor_from(args) as executor:
         result = crossval(tests, args.objective, executor=executor, **options)
-    _common.deliver(args, result, _table(result))
+    result = {**result, "sources": describe_tests(tests)}
+    _common.deliver(args, result, _table(result), *page_of(args, result, tests))
     return 0
 
 

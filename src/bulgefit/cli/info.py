@@ -16,6 +16,10 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "show what a bulge test holds and what looks wrong with it"
 
 
+#: Version of the JSON.
+FORMAT = 1
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
     _common.check_outputs(args, files_read([args.test]))
     info = describe(read_test(args.test, **reader_options(args)))
-    _common.deliver(args, asdict(info), _table(info))
+    _common.deliver(args, {"format": FORMAT, **asdict(info)}, _table(info))
     return 0
 
 
