@@ -37,7 +37,7 @@ NOISE = 0.02
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0, "nu12": 0.24}
 BOUNDS = {"E1": (100.0, 500.0), "E2": (50.0, 400.0), "G12": (5.0, 100.0)}
 #: Reach: forward paths, s on 2 cores, GB; log-log slope in points; efficiency of 2 workers.
-REACH = (35, 12.0, 1.2)
+REACH = (35, 6.0, 0.6)
 REACH_SLOPE, REACH_EFFICIENCY = 1.05, 85
 #: Points a frame of the large test, 1.84 million in all.
 LARGE = 37_500
@@ -444,7 +444,8 @@ A fit starts from scrambled-Sobol points of the bounds and descends from each by
   sum of their absolute values is minimised within a trust region and the bounds, by reweighted
   least squares. Above 100,000 measured values descents look at a fixed sample of the points; the
   last one, from the best end, takes value and slope from all of them and the curvature alone from
-  the sample: its steps end where the slope of all data vanishes, so the optimum is that of all.
+  the sample: its steps end where the slope of all data vanishes, so the optimum is that of all. It
+  stops where no step promises to move a parameter by a hundredth of its standard error.
 - `L-BFGS-B`, or any other scipy minimiser, with the exact gradient where it takes one.
 
 A solve that fails is told to the minimiser as the worst value so far, and counted.
@@ -486,7 +487,7 @@ as much.
 Every fit tells standard errors and 95 % intervals. With ψ the derivative of what a residual costs
 and J that of the model, the covariance is A⁻¹ B A⁻¹, A = Σ E[ψ'] J Jᵀ, B the covariance of Σ ψ J
 (Huber, 1967). B is summed over clusters within which residuals may be alike in any way (Liang and
-Zeger, 1986):
+Zeger, 1986), always of all data; A, a mean, is that of the sample where there is one:
 
 - cells of a frame, wider than the noise's correlation: the noise alone (`stderr_noise`);
 - blocks of frames times sectors of the disc: also what the model misses, which changes slowly with
@@ -507,8 +508,10 @@ It shows the same as the blocks do, at N times the cost.
 ## The mesh's error
 
 Fields between the nodes are smooth (polyharmonic splines). The error of the nodes falls with the
-square of the cells, so a finer mesh tells it; it is taken off at the start and again at the
-optimum, and a coarser mesh judges what is left, in mm, beside the noise. Where that is more than a
+square of the cells, so a finer mesh tells it; it is taken off at the start and again, twice, at
+the optimum, and a coarser mesh judges what is left, in mm, beside the noise. Once is too little:
+the first optimum is that with the error of another place, and moduli of data without noise were a
+third of a standard error off by it; after the second time, a twentieth. Where that is more than a
 third of the noise, the fit says so. `--keep-mesh-error` leaves it in; `--study` is the published
 study's way, on its mesh.
 """

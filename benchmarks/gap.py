@@ -26,17 +26,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bulgefit.model.places import KNEE, applied_pressure
 from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
-from bulgefit.gap.effects import MODULI
-from bulgefit.gap.measure import gap_of, weight_of
+from bulgefit.effects.places import KNEE
 from bulgefit.gap.regress import Regression
+from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.camera import flattened
 
 TESTS = (1, 2, 4)
+MODULI = ("E1", "E2", "G12")
 #: Strain of the secant stiffness: half of what the tests reach.
 SECANT = 0.03
 
@@ -96,8 +95,7 @@ def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> d
         between = griddata(known, offset, at)
         outside = ~np.isfinite(between)
         between[outside] = griddata(known, offset, at, method="nearest")[outside]
-        share = flattened(applied_pressure(specimen.recorded, fit.values), fit.values)
-        residual = residual - share[:, None, None] * between
+        residual = residual - between
     return gap_of([residual], [np.ones(3)], weight)
 
 

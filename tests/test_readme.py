@@ -36,10 +36,11 @@ def test_python_runs(monkeypatch, capsys):
     exec(compile(code, "README.md", "exec"), space)
     found = space["result"].material.values
     # what the README says; 330, 240 and 30 were put in
-    said, truth, errors = [329.96, 240.01, 30.04], [330.0, 240.0, 30.0], [0.04, 0.02, 0.03]
+    said, truth, errors = [329.98, 240.02, 30.01], [330.0, 240.0, 30.0], [0.041, 0.023, 0.025]
     values = [found[m] for m in ("E1", "E2", "G12")]
     for value, figure, true, error in zip(values, said, truth, errors, strict=True):
-        assert value == pytest.approx(figure, abs=0.9 * error)
+        # found from other starts and bounds; half a unit of the last figure is rounding
+        assert value == pytest.approx(figure, abs=0.1 * error + 0.005)
         assert abs(value - true) < 2.0 * error
     assert space["result"].failures == 0
     assert capsys.readouterr().out.startswith("misfit ")

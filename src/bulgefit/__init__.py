@@ -14,6 +14,8 @@ from bulgefit.errors import BulgefitError, InputError, SolveError
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import BulgeTest as BulgeTest
     from bulgefit.dic.readers import read_test as read_test
+    from bulgefit.dic.surface.measured import Measured as Measured
+    from bulgefit.dic.surface.measured import measure as measure
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
     from bulgefit.model.simulation import Simulation as Simulation
     from bulgefit.model.simulation import simulate as simulate
     from bulgefit.report.fields import plot_fields as plot_fields
+    from bulgefit.report.measured import plot_apex as plot_apex
+    from bulgefit.report.measured import plot_measured as plot_measured
+    from bulgefit.report.measured import plot_rings as plot_rings
     from bulgefit.report.profiles import plot_profiles as plot_profiles
     from bulgefit.report.residuals import plot_residuals as plot_residuals
 
@@ -40,6 +45,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "BulgeTest": "bulgefit.dic.bulge_test",
     "Material": "bulgefit.model.parameters",
+    "Measured": "bulgefit.dic.surface.measured",
     "Mesh": "bulgefit.fem.mesh",
     "Simulation": "bulgefit.model.simulation",
     "bootstrap": "bulgefit.fitting.bootstrap",
@@ -53,9 +59,13 @@ _HOMES = {
     "Prior": "bulgefit.fitting.problem",
     "Setup": "bulgefit.model.setup",
     "predict": "bulgefit.model.predict",
+    "measure": "bulgefit.dic.surface.measured",
+    "plot_apex": "bulgefit.report.measured",
     "plot_fields": "bulgefit.report.fields",
+    "plot_measured": "bulgefit.report.measured",
     "plot_profiles": "bulgefit.report.profiles",
     "plot_residuals": "bulgefit.report.residuals",
+    "plot_rings": "bulgefit.report.measured",
     "read_test": "bulgefit.dic.readers",
     "simulate": "bulgefit.model.simulation",
     "write_test": "bulgefit.dic.writers",

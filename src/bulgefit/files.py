@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
+import re
 import secrets
 import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
@@ -184,6 +187,7 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
         `path` is refused by `check_output`, the folder is read-only, or the disk is full.
     """
     target = _target(path, force)
+    _drop_abandoned(target)
     temporary = _temporary(target)
     _unfinished.add(temporary)
     try:
@@ -235,7 +239,31 @@ def _written(path: Place) -> Iterator[None]:
 
 
 def _temporary(target: Path) -> Path:
-    return target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    """A name that tells whose it is: this machine's and process's."""
+    mark = f"{_machine()}-{os.getpid()}-{secrets.token_hex(4)}"
+    return target.with_name(f".{target.stem}.{mark}{target.suffix}")
+
+
+@cache
+def _machine() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _drop_abandoned(target: Path) -> None:
+    """Remove what a process that was killed here had half-written in the place of `target`."""
+    if os.name != "posix":  # elsewhere asking whether a process lives may end it
+        return
+    head, tail = f".{target.stem}.{_machine()}-", target.suffix
+    for path in target.parent.iterdir():
+        mark = path.name.removeprefix(head).removesuffix(tail)
+        owner = re.fullmatch(r"(\d+)-[0-9a-f]{8}", mark)
+        if path.name.startswith(head) and owner:
+            try:
+                os.kill(int(owner[1]), 0)
+            except ProcessLookupError:
+                _remove(path)
+            except (OSError, OverflowError):  # somebody else's process, or none that can be
+                continue
 
 
 def _make(path: Path) -> None:

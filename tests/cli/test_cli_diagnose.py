@@ -12,6 +12,7 @@ from bulgefit.cli.main import main
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.specimen import Specimen
+from bulgefit.parallel.journal import Journal
 
 TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 40.0}
 EFFECTS = ["--effects", "rigid_motion,pressure_gain"]
@@ -191,3 +192,27 @@ def test_unknown_law(folder, capsys):
 def test_no_test(capsys):
     assert main(["diagnose"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_interrupted_diagnosis_goes_on(folder, capsys, monkeypatch):
+    """After everything was freed at once, and after the first refit without a part."""
+    words = ["diagnose", "good.npz", *EFFECTS, "--workers", "1", "--quiet"]
+    assert main([*words, "--json", "whole.json"]) == 0
+    keep, pieces = Journal.keep, []
+
+    def interrupted(self, *piece):
+        keep(self, *piece)
+        pieces.append(piece[0])
+        if len(pieces) in (1, 3):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Journal, "keep", interrupted)
+    assert main([*words, "--json", "parts.json"]) == 130
+    assert main([*words, "--json", "parts.json", "--resume"]) == 130
+    assert main([*words, "--json", "parts.json", "--resume"]) == 0
+    assert len(pieces) == len(set(pieces)) > 3
+    whole, parts = (json.loads((folder / f"{n}.json").read_text()) for n in ("whole", "parts"))
+    for found in (whole, parts):
+        found["meta"].pop("seconds")
+    assert parts == whole
+    assert sorted(path.name for path in folder.glob("parts*")) == ["parts.json"]

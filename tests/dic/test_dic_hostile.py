@@ -299,7 +299,7 @@ def test_hdf5_on_which_its_library_does_not_end(hdf5, monkeypatch):
         ("while True: pass", "does not come to an end"),
         ("import os; os.kill(os.getpid(), 11)", "fails on it"),
     ):
-        limit = "from bulgefit.dic.hdf5_apart import _limit; _limit(10**9, -10**7)\n"
+        limit = "from bulgefit.dic.hdf5_answers import _limit; _limit(10**9, -10**7)\n"
         monkeypatch.setattr(hdf5_apart, "_START", start + "\n" + limit + what)
         refused(path, f"damaged HDF5 file .*{why}")
 

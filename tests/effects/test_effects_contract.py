@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,14 @@ import pytest
 
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
-from bulgefit.effects.registry import catalogue, own_values
+from bulgefit.effects.registry import catalogue, effect_named, own_values, scatter
 from bulgefit.model.virtual_test import VirtualTest
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "src" / "bulgefit"
 
 MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
-EFFECTS = list(catalogue().values())
+EFFECTS = [*catalogue().values(), *scatter().values()]
 IDS = [effect.id for effect in EFFECTS]
 
 #: Place, and unit of each parameter, as the design of the model has them; "*" stands for the rest.
@@ -33,6 +34,7 @@ DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
     "axis_misalignment": ("material", {"angle": "degree"}),
     "poisson_ratio": ("material", {"nu12": "1"}),
     "nonlinear_material": ("material", {"*": "1"}),
+    "specimen_factor": ("material", {"warp": "1", "fill": "1"}),
     "stiffness_gradient": ("material", {"g_x": "1", "g_y": "1"}),
     "creep": ("material", {"rate": "1 per decade"}),
     "pressure_offset": ("load", {"offset": "bar"}),
@@ -54,13 +56,9 @@ DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
     "dic_smoothing": ("camera", {"window": "mm"}),
 }
 
-#: Rooms in which ids of effects may stand. Beside them, dic knows the ratio that a test states,
-#: which has the name of the effect that it is another one.
-EXCEPTED = {
-    "trial": "it makes tests with effects of its own, and must not know these",
-    "gap": "the search has rules for single effects",
-    "report": "words and charts name single effects",
-}
+#: Rooms that know effects, and may ask for none by name. Those below cannot import them (a test's
+#: own `poisson_ratio` is another thing), and `trial` makes tests with effects of its own.
+ROOMS = ("effects", "model", "fitting", "gap", "report", "cli")
 
 
 def test_the_design_knows_every_effect() -> None:
@@ -100,7 +98,9 @@ def test_its_forms_grow_out_of_its_parameters(effect: Effect) -> None:
     for form in effect.forms:
         assert set(form) <= known
     assert {name for group in effect.groups() for name in group} <= set(effect.names)
-    assert set(effect.steady) <= known
+    assert {name for told in effect.told for name in told.names} <= known
+    assert all(told.error > 0.0 for told in effect.told)
+    assert effect.turn in {"", *known}
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
@@ -111,7 +111,7 @@ def test_it_can_be_sent_to_a_worker(effect: Effect) -> None:
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 def test_its_name_stands_in_one_file(effect: Effect, strings: dict[str, set[str]]) -> None:
-    """Code that asks for one effect by name stands in its file alone, beside the excepted rooms.
+    """Code that asks for one effect by name stands in its file alone.
 
     Examples within longer texts, such as help, ask for nothing.
     """
@@ -120,16 +120,27 @@ def test_its_name_stands_in_one_file(effect: Effect, strings: dict[str, set[str]
         for path, texts in strings.items()
         if any(text == effect.id or text.startswith(f"{effect.id}.") for text in texts)
     }
-    excepted = {*EXCEPTED, *(["dic"] if effect.id == "poisson_ratio" else [])}
-    own = {path for path in found if path.split("/")[0] not in excepted}
-    assert own == {f"effects/{effect.id}.py"}
+    assert found == {f"effects/{effect.id}.py"}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_its_file_is_imported_by_the_registry_alone(effect: Effect) -> None:
+    home = f"bulgefit.effects.{effect.id}"
+    assert [p for p in SOURCE.rglob("*.py") if home in p.read_text(encoding="utf-8")] == []
+
+
+def test_rooms_that_cannot_know_effects_import_none() -> None:
+    for path in SOURCE.rglob("*.py"):
+        room = path.relative_to(SOURCE).parts[0].removesuffix(".py")
+        if room not in (*ROOMS, "__init__", "__main__"):
+            assert "bulgefit.effects" not in path.read_text(encoding="utf-8"), path
 
 
 @pytest.fixture(scope="module")
 def strings() -> dict[str, set[str]]:
-    """Every string of each file of the package."""
+    """Every string of each file of the rooms that know effects."""
     found = {}
-    for path in SOURCE.rglob("*.py"):
+    for path in (p for room in ROOMS for p in (SOURCE / room).rglob("*.py")):
         nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         found[path.relative_to(SOURCE).as_posix()] = {
             node.value
@@ -228,7 +239,7 @@ def ends_of(name: str, value: float) -> tuple[tuple[float, float], float]:
         step = 1e-3 * value
     else:
         effect, _, parameter = name.partition(".")
-        p = catalogue()[effect].parameter(parameter)
+        p = effect_named(effect).parameter(parameter)
         if p.coordinate == "square":
             return (math.sqrt(value**2 - 1.0), math.sqrt(value**2 + 1.0)), 2.0
         # where the parameter is steep, as the knee is, a part of itself
@@ -257,6 +268,33 @@ def test_derivative_is_that_of_differences(
     assert size > 0
     miss = np.abs(derivatives[name] - difference).max(axis=(0, 2)) / size
     assert miss.max() < TOLERANCES.get(name.partition(".")[0], 1e-5)
+
+
+#: Of the cameras' effects, those that leave the points where they are.
+SEEING = [e for e in EFFECTS if e.uses("see", "motion") and not e.uses("locate")]
+
+
+@pytest.mark.parametrize("effect", SEEING, ids=lambda e: e.id)
+def test_derivative_of_an_absent_effect_goes_through_those_that_see_after_it(
+    effect: Effect, specimen: VirtualTest, exact: tuple[dict[str, float], object]
+) -> None:
+    """The others being on; shapes are as they were."""
+    nulls = nulls_of(effect, specimen)
+    values = {name: v for name, v in exact[0].items() if name not in nulls}
+    names = [n for n in nulls if not effect.parameter(n.partition(".")[2]).begins_at_null]
+    shapes = specimen.shapes(values)
+    found = specimen.observe(shapes, names).derivative
+    for name, derivative in zip(names, found, strict=True):
+        step = 3.0 * effect.parameter(name.partition(".")[2]).step
+        below, above = (
+            specimen.observe(replace(shapes, values={**shapes.values, name: v})).displacement
+            for v in (nulls[name] - step, nulls[name] + step)
+        )
+        difference = (above - below) / (2.0 * step)
+        size = np.abs(difference).max()
+        assert size > 0
+        tolerance = TOLERANCES.get(effect.id, 1e-5)
+        np.testing.assert_allclose(derivative, difference, rtol=0, atol=tolerance * size)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.fields.base import Field
 from bulgefit.effects.fields.stiffness_field import CENTRES
-from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields
+from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields, scatter
 from bulgefit.errors import InputError
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
@@ -27,7 +27,7 @@ def virtual() -> VirtualTest:
 
 def test_fields_stand_beside_the_catalogue():
     assert not set(fields()) & set(catalogue())
-    assert set(acting()) == set(fields()) | set(catalogue())
+    assert set(acting()) == set(fields()) | set(catalogue()) | set(scatter())
     assert {f.place for f in EVERY} == {"shape", "material", "load", "camera"}
     with pytest.raises(InputError, match="stiffness_field"):
         chosen_effects(["stiffness_field"])

@@ -13,6 +13,9 @@ T = R N cos φ; λ follows from |(T, p r²/2)| = R N(λ, μ) by Newton's method.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
@@ -54,7 +57,7 @@ def _stretch(
     return along
 
 
-def apex(
+def inflated(
     pressure: float,
     *,
     law: str,
@@ -62,8 +65,12 @@ def apex(
     nu: float,
     thickness: float = 0.81,
     radius: float = 100.0,
-) -> float:
-    """Apex height (mm) of the clamped disc under `pressure` (MPa)."""
+) -> Callable[[Floats], dict[str, Floats]]:
+    """The clamped disc under `pressure` (MPa), as a function of the reference radius (mm).
+
+    It gives r, z (mm), both stretches, and both forces per deformed length (N/mm); radii from a
+    thousandth of the disc's on.
+    """
     start = 1e-3 * radius  # the centre is regular: r = μ R, T = R N
 
     def slopes(at: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -94,5 +101,21 @@ def apex(
     found = solve_bvp(right, ends, at, guess, tol=1e-9, max_nodes=100_000)
     if not found.success:
         raise ArithmeticError(found.message)
-    dz = slopes(np.array([start]), found.y[:, :1])[1][0]
-    return float(found.y[2, 0] - 0.5 * start * dz)
+
+    def solution(at: Floats) -> dict[str, Floats]:
+        y = found.sol(at)
+        _, dz, along, hoop = slopes(at, y)
+        meridian, ring = _forces(along, hoop, law, modulus, nu, thickness)
+        return {
+            "r": y[0], "z": y[2], "dz": dz, "along": along, "hoop": hoop,
+            "meridian_tension": meridian / hoop, "hoop_tension": ring / along,
+        }  # fmt: skip
+
+    return solution
+
+
+def apex(pressure: float, *, radius: float = 100.0, **material: Any) -> float:
+    """Apex height (mm) of the clamped disc under `pressure` (MPa)."""
+    start = 1e-3 * radius
+    found = inflated(pressure, radius=radius, **material)(np.array([start]))
+    return float(found["z"][0] - 0.5 * start * found["dz"][0])

@@ -332,6 +332,39 @@ def test_changes_of_the_law_are_those_of_the_force(law: str, curve: tuple[float,
     assert (np.abs(found).max(axis=1) > 1e-9 * scale).sum() >= 10
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_changes_of_the_surface_are_those_of_the_force(law: str) -> None:
+    """Heights, outline, warp axis and weights: against differences of whole assemblies."""
+    mesh = disc(100.0, 2)
+    rng = np.random.default_rng(5)
+    bent = np.column_stack([mesh.nodes, 2e-4 * (mesh.nodes**2).sum(axis=1)])
+    thick = 1.0 + 0.1 * rng.random((len(mesh.cells), 4))
+    shape = blown(mesh) * [-5.0, 1.0, 1.0]
+    assert len(mesh.cells) % LANES
+
+    def made(surface: float, angle: float, thickness: float) -> Membrane:
+        fabric = Fabric(
+            surface=bent + surface * np.sin(0.05 * bent[:, ::-1]),
+            thickness=thick * (1.0 + thickness * np.linspace(-1.0, 1.0, thick.size).reshape(-1, 4)),
+            slack=(0.002, -0.001),
+        )
+        return Membrane(mesh, 0.81, law, angle=0.3 + angle, fabric=fabric)
+
+    here, h = made(0.0, 0.0, 0.0), 1e-5
+    ends = [[made(*(sign * h * np.eye(3)[k])) for sign in (-1, 1)] for k in range(3)]
+    states = [[m.state(shape, 0.1, STIFFNESS, tangent=False) for m in pair] for pair in ends]
+    assert states[0][0].wrinkled > 0
+    differences = [(above.residual - below.residual) / (2 * h) for below, above in states]
+    moves = np.array([above.reference - below.reference for below, above in ends]) / (2 * h)
+    tilts = np.array([b.surface.gradient - a.surface.gradient for a, b in ends]) / (2 * h)
+    gains = np.array([(b.weight - a.weight) / here.weight for a, b in ends]) / (2 * h)
+    found = here.reference_changes(shape, 0.1, STIFFNESS, moves, tilts, gains)
+    scale = np.abs(differences).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / scale, differences / scale, rtol=0, atol=1e-6)
+    of_weight = here.weight_changes(shape, STIFFNESS, gains[2:])
+    np.testing.assert_allclose(of_weight, found[2:], rtol=0, atol=1e-12 * scale.max())
+
+
 def test_changes_of_the_law_need_all_its_parameters() -> None:
     """The kernels would read past the end of an array."""
     membrane, q = Membrane(disc(100.0, 1), 0.81), np.ones((2, 12))

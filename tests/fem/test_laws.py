@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fung import FUNG
+from bulge_lab.fung import FUNG
 
 from bulgefit.cli.main import main
 from bulgefit.errors import InputError
@@ -215,7 +215,7 @@ def test_softest_curves_that_are_admitted_have_a_positive_energy() -> None:
 
 
 PACKAGE = """[bulgefit.laws]
-fung = fung:FUNG
+fung = bulge_lab.fung:FUNG
 """
 
 
@@ -270,7 +270,7 @@ def test_command_line_sees_the_law_of_another_package(
     [
         ("bad = no_such_module:LAW", "law 'bad' .* cannot be loaded: ModuleNotFoundError"),
         ("bad = math:pi", "expected a bulgefit.fem.laws.law.Law, got 3.14"),
-        ("svk = fung:FUNG", "bulgefit has a law of that name"),
+        ("svk = bulge_lab.fung:FUNG", "bulgefit has a law of that name"),
     ],
 )
 def test_entry_points_that_lead_to_no_law(fung: Path, line: str, said: str) -> None:

@@ -128,6 +128,18 @@ def test_a_sample_of_the_points_gives_the_same_optimum(
         assert sampled.material.values[key] == pytest.approx(whole.material.values[key], rel=rel)
 
 
+def test_the_mesh_of_the_start_leaves_no_trace(make: Maker) -> None:
+    """Starts that lie elsewhere take another error of the mesh off at first."""
+    test = make(exact=True, noise=0.02, frames=8, points=150)
+    near, far = (
+        fit(test, bounds=bounds, starts=1, setup=Setup(refine=2)) for bounds in (BOUNDS, None)
+    )
+    for name, error in near.uncertainty.stderr.items():
+        assert error is not None
+        apart = near.material.values[name] - far.material.values[name]
+        assert abs(apart) < 0.02 * error
+
+
 def same_but_for_time(result: FitResult) -> dict:
     found = result.to_dict()
     del found["seconds"]

@@ -9,7 +9,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fitting.fit import fit
-from bulgefit.fitting.quality import Quality
+from bulgefit.fitting.quality import Doubt, Quality
 from bulgefit.model.setup import Setup
 
 Maker = Callable[..., BulgeTest]
@@ -86,3 +86,16 @@ def test_a_mesh_too_coarse_for_the_noise_is_said(make: Maker) -> None:
     assert coarse.mesh_error_mm is not None
     assert fine.mesh_error_mm is not None
     assert max(fine.mesh_error_mm) < 0.2 * max(coarse.mesh_error_mm)
+
+
+def test_every_doubt_can_be_said() -> None:
+    """With all the words that any asks for; codes are what scripts rely on."""
+    words = {"name": "E1", "value": 300.0, "lower": 20.0, "upper": 300.0, "starts": 3}
+    words |= {"points": "1 point", "parameters": 3, "first": "E1", "second": "nu12", "by": 0.99}
+    said = [doubt.of(**words) for doubt in Doubt]
+    assert all("{" not in one.text and "}" not in one.text for one in said)
+    assert said[0].text.endswith("widen --bounds E1=20:300, or hold it")
+    assert [one.code for one in said] == [
+        "at_bound", "worse_than_undeformed", "no_start_converged", "starts_disagree",
+        "too_few_points", "inseparable", "mesh_error_unknown", "mesh_error_large",
+    ]  # fmt: skip

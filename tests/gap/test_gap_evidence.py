@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -57,8 +58,13 @@ class Known:
         value, rows = self._curve(x)
         residual, rows = self._measured - value, rows[:, columns]
         return Linearised(
-            np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows
+            np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
+
+    def again(self, here: Linearised, x: np.ndarray) -> Linearised:
+        there = self.linearise(x, here.columns[:0])
+        residual = self._measured - self._curve(x)[0]
+        return replace(here, x=there.x, square=there.square, gradient=here.rows.T @ residual)
 
 
 def linear(groups: list[Group], rows: np.ndarray, measured: np.ndarray, **more: Any) -> Known:
@@ -235,6 +241,46 @@ def test_descends_a_bent_valley_within_what_balances(end):
     assert fit.steps <= 30
 
 
+def parabola(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A narrow valley with a parabola as its floor."""
+    value = np.array([1000.0 * (x[1] - 0.3 * x[0] ** 2), x[0]])
+    return value, np.array([[-600.0 * x[0], 1000.0], [1.0, 0.0]])
+
+
+def test_landings_beside_a_valleys_floor_are_corrected_by_the_same_derivatives():
+    """A straight step to the far end of the valley costs a million units: corrected, it is one."""
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 2.0]), parabola)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(2))
+    assert fit.converged
+    assert fit.x[0] == pytest.approx(2.0 / (1.0 + 1.0 / 25.0), abs=0.1)
+    assert fit.here.square == pytest.approx((2.0 - fit.x[0]) ** 2, abs=1e-3)
+    assert fit.steps <= 3
+
+
+def waves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two coordinates in a strongly bent way, 25 values."""
+    t = np.linspace(0.1, 1.0, 25)
+    value = np.sin(2 * t * x[0]) + x[1] * t * np.cos(t * x[0])
+    by = [2 * t * np.cos(2 * t * x[0]) - x[1] * t**2 * np.sin(t * x[0]), t * np.cos(t * x[0])]
+    return 30.0 * value, 30.0 * np.stack(by, axis=1)
+
+
+def test_a_rough_descent_ends_where_what_is_left_is_nothing():
+    """Within the standard deviation √(2 p) of χ² of the optimum, and short of it."""
+    noise = 100.0 * np.random.default_rng(3).normal(size=25)
+    measured = waves(np.array([1.4, 0.5]))[0] + noise
+    problem = Known([group("a", [1.0, 1.0])], measured, waves, inflation=100.0**2 / 3.0)
+    layout = Layout.of(problem.groups)
+    fits = [
+        descend(problem, layout, layout.whole(), np.array([2.5, 1.0]), roughly=roughly)
+        for roughly in (False, True)
+    ]
+    exact, rough = (f.here.square / problem.inflation + (f.x**2).sum() for f in fits)
+    assert fits[1].steps < fits[0].steps
+    assert exact < rough < exact + 2.0
+
+
 def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
     """All 50 slopes are alike, and together they push along what hardly resists.
 
@@ -332,6 +378,22 @@ def test_forms_shrink_to_what_the_data_need():
     measured = rows[:, 0] * 3.0 + rng.normal(size=80)
     problem = linear([group("a", [5.0] * 4, forms=((0,), (0, 1), (0, 1, 2, 3)))], rows, measured)
     assert explore(searched(problem), np.zeros(4)).model == freeze({"a": 0})
+
+
+def test_growth_gathers_fewer_groups_than_the_best_model_has():
+    """The truth is a sum of four: from below it is not gone through once more."""
+    rng = np.random.default_rng(12)
+    rows = rng.normal(size=(60, 6))
+    measured = rows @ [1.0, 2.0, 3.0, 4.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(6)], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(6))
+    ways.by_elimination()
+    assert len(search.best.model) == 4
+    before = set(search.fits)
+    ways.from_below()
+    grown = set(search.fits) - before
+    assert max(len(model) for model in grown) == 3
 
 
 def test_no_equilibrium_is_lost_on_the_way():

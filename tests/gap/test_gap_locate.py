@@ -7,9 +7,9 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import Data
-from bulgefit.gap.locate import Mode, azimuthal_modes
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.regress import Regression
+from bulgefit.gap.residual.locate import Mode, azimuthal_modes
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.virtual_test import Prediction
 

@@ -10,6 +10,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import estimate_noise
 from bulgefit.errors import InputError
+from bulgefit.gap.diagnosis import _left_out
 from bulgefit.gap.prepare import _usable_frames, prepare
 
 SIGMA = np.array([0.006, 0.006, 0.015])
@@ -118,3 +119,24 @@ def test_a_field_without_noise_has_none(points: np.ndarray) -> None:
     )
     assert noise.inflation == 1.0
     assert (noise.sigma < 1e-4).all()
+
+
+def test_mixtures_count_as_what_was_recorded(points: np.ndarray) -> None:
+    """Of 7 frames 13 are made: variances of means are those of 7, whatever points are left out."""
+    rng = np.random.default_rng(5)
+    test = bulge_test(points, dome(points, 7) + rng.normal(size=(7, len(points), 3)) * SIGMA)
+    common = np.linspace(test.pressure[0], test.pressure[-1], 13)
+    flat = test.blocks[0].displacement.reshape(7, -1)
+    moved = np.stack([np.interp(common, test.pressure, c) for c in flat.T], axis=1)
+    mixed = bulge_test(points, moved.reshape(13, -1, 3))
+    plain, other = prepare(test).data, prepare(mixed)
+    assert plain.mixture == 1.0
+    assert other.data.mixture == pytest.approx(13 / 7)
+    assert other.data.inflation == pytest.approx(13 / 7 * other.noise.inflation)
+    # of thinned points each counts as one, but frames as many as before
+    thinned = other.data.thinned(3)
+    assert thinned.mixture == other.data.mixture
+    alone = 1.0 + (other.noise.inflation - 1.0) / 3
+    assert thinned.inflation == pytest.approx(13 / 7 * alone)
+    (warning,) = [w for w in _left_out([other]) if "mixtures" in w]
+    assert "its 13 frames are linear mixtures of 7" in warning

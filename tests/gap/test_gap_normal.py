@@ -8,48 +8,47 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import FOLDS, Data
-from bulgefit.gap.effects import FIELD
+from bulgefit.gap.effects import OFFSETS
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.virtual_test import Prediction
 
-KEYS = ("E1", "E2", "rigid_motion.rotation_x")
-#: Pressure (bar) at which half of the offsets shows.
-FLATTENING = {"reference_state.flattening": 0.4}
+KEYS = tuple(Key.of(name) for name in ("E1", "E2", "rigid_motion.rotation_x"))
 SIGMA = np.array([0.01, 0.02, 0.05])
 
 
 @pytest.fixture(scope="module")
 def scene() -> tuple[Data, Prediction]:
-    """Points with values missing here and there, one seen in a single block of frames."""
+    """Points with values missing here and there, one in all but doubted frames."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-60, 60, (25, 2)), np.zeros(25)])
     measured = rng.normal(size=(12, 25, 3))
     measured[rng.random(measured.shape) < 0.1] = np.nan
     measured[3:, 7] = np.nan
     test = BulgeTest.from_arrays(points, measured, np.linspace(0.01, 0.25, 12))
-    data = Data(Specimen(test, refine=1), SIGMA, np.isfinite(measured))
+    trust = np.where(np.arange(12) < 3, 0.4, 1.0)
+    data = Data(Specimen(test, refine=1), SIGMA, np.isfinite(measured), trust=trust)
     derivative = rng.normal(size=(len(KEYS), 12, 25, 3))
     displacement = rng.normal(size=(12, 25, 3))
-    return data, Prediction(displacement, derivative, SimpleNamespace(values=FLATTENING))
+    return data, Prediction(displacement, derivative, SimpleNamespace(values={}))
 
 
 def with_columns(data: Data, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:
     """Rows of all values by the parameters and one column for each point's component."""
-    columns = [d / data.sigma for d in prediction.derivative]
+    columns = [d * data.weight for d in prediction.derivative]
     for point in range(25):
         for axis in range(3):
             one = np.zeros(prediction.displacement.shape)
-            bar = 10.0 * data.specimen.recorded
-            one[:, point, axis] = bar / (bar + 0.4)
+            one[:, point, axis] = data.share
             columns.append(one)
     return np.stack(columns, axis=-1), data.residual(prediction)
 
 
 def test_the_step_is_that_with_a_column_for_each_offset(scene: tuple[Data, Prediction]) -> None:
     data, prediction = scene
-    found = normal_equations([data], [prediction], (*KEYS, FIELD)).whole
+    found = normal_equations([data], [prediction], (*KEYS, OFFSETS)).whole
     rows, residual = with_columns(data, prediction)
     best, *_ = np.linalg.lstsq(rows[data.used], residual[data.used], rcond=None)
     np.testing.assert_allclose(found.step(), best[: len(KEYS)], rtol=1e-9)
@@ -69,7 +68,7 @@ def test_held_out_values_take_the_offset_of_their_points_other_frames(
         # a point that was not seen in the kept frames has no offset: least norm
         best, *_ = np.linalg.lstsq(rows[kept], residual[kept], rcond=None)
         expected += float(((residual[held] - rows[held] @ best) ** 2).sum())
-    found = normal_equations([data], [prediction], (*KEYS, FIELD))
+    found = normal_equations([data], [prediction], (*KEYS, OFFSETS))
     assert found.held_out(realised=False) == pytest.approx(expected, rel=1e-9)
 
 
@@ -81,32 +80,3 @@ def test_without_offsets_folds_add_up(scene: tuple[Data, Prediction]) -> None:
     for kept, held in zip(found.kept, found.held, strict=True):
         np.testing.assert_allclose(kept.matrix + held.matrix, whole, rtol=1e-12)
     assert found.count == data.used.sum()
-
-
-@pytest.mark.parametrize(
-    ("name", "here"),
-    [
-        ("reference_state.flattening", 0.4),
-        ("pressure_offset.offset", 0.02),
-        ("pressure_gain.gain", 0.05),
-    ],
-)
-def test_what_pressure_flattens_moves_the_best_offsets(
-    scene: tuple[Data, Prediction], name: str, here: float
-) -> None:
-    """Slope of what is left at the best offsets, by all that the flattened share depends on."""
-    data, prediction = scene
-
-    def at(value: float, derivative: np.ndarray) -> Prediction:
-        shapes = SimpleNamespace(values={**FLATTENING, name: value})
-        return Prediction(prediction.displacement, derivative, shapes)
-
-    def left(value: float) -> float:
-        there = at(value, prediction.derivative[:0])
-        return normal_equations([data], [there], (FIELD,)).whole.square
-
-    step = 1e-5
-    slope = (left(here + step) - left(here - step)) / (2 * step)
-    still = at(here, np.zeros((1, *prediction.displacement.shape)))
-    found = normal_equations([data], [still], (name, FIELD)).whole.gradient[0]
-    assert -2.0 * found == pytest.approx(slope, rel=1e-6)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.explain import Known
+from bulgefit.gap.follow_up.separate import cosine_matrix, norms_left
 from bulgefit.gap.normal import normal_equations
-from bulgefit.gap.separate import cosine_matrix, norms_left
 from bulgefit.gap.specimen import Specimen
 
 VALUES = {"E1": 330.0, "E2": 200.0, "G12": 12.0}
@@ -27,8 +28,8 @@ def known(grid: Callable[..., np.ndarray]) -> Known:
     specimen = Specimen(test)
     data = Data(specimen, np.array([0.006, 0.006, 0.013]), np.ones((14, len(points), 3), bool))
     names = [n for e in EFFECTS for n in e.groups()[0]]
-    prediction = specimen.predict(VALUES, [*MODULI, *names])
-    keys = (*MODULI, *names)
+    keys = (*MODULI, *(Key.of(name) for name in names))
+    prediction = specimen.predict(VALUES, [key.name for key in keys])
     return Known(keys, normal_equations([data], [prediction], keys).whole.hessian)
 
 
@@ -45,7 +46,7 @@ def known(grid: Callable[..., np.ndarray]) -> Known:
     ],
 )
 def test_norm_left_after_the_moduli(known: Known, key: str, expected: float) -> None:
-    assert norms_left(known, [key])[key] == pytest.approx(expected, abs=0.03)
+    assert norms_left(known, [Key.of(key)])[Key.of(key)] == pytest.approx(expected, abs=0.03)
 
 
 def test_equal_slack_leaves_a_known_norm(known: Known) -> None:
@@ -81,7 +82,7 @@ def test_stiffness_gradient_looks_like_a_rotation(known: Known) -> None:
 def _left(known: Known, keys: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     h = known.hessian
     base = [known.keys.index(m) for m in MODULI]
-    index = [known.keys.index(k) for k in keys]
+    index = [known.keys.index(Key.of(k)) for k in keys]
     whole = h[np.ix_(index, index)]
     across = h[np.ix_(base, index)]
     return whole - across.T @ np.linalg.solve(h[np.ix_(base, base)], across), whole

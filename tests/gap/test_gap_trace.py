@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD, MODULI
+from bulgefit.gap.effects import MODULI
+from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.problem import Layout, freeze
+from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import structure
+from bulgefit.gap.residual.structure import structure
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
+START = dict(zip(MODULI, TRUTH.values(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,7 @@ def scene(made_by_the_model: Callable[..., Data]) -> Scene:
     ring = 1.0 - 6.0 * radius**2 + 6.0 * radius**4
     growth = np.linspace(1.2, 0.8, 12)
     pattern = (growth[:, None] * ring / np.std(ring))[..., None] * np.ones(3)
-    return Scene(data, regress(data, MODULI, TRUTH), pattern)
+    return Scene(data, regress(data, MODULI, START), pattern)
 
 
 def test_noise_leaves_no_trace(scene: Scene) -> None:
@@ -60,7 +66,10 @@ def test_a_pattern_within_the_models_floor_is_seen(scene: Scene) -> None:
 
 def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> None:
     """They take away what stays the same, of the noise too; a pattern that changes sign is left."""
-    fit = regress(scene.data, (*MODULI, FIELD), TRUTH)
+    coordinates = Coordinates.of([], [d.specimen.nulls() for d in scene.data])
+    creased = Weighing(scene.data, coordinates, [np.full(3, 1.0)])
+    layout, start = Layout.of(coordinates.groups), np.log(list(TRUTH.values()))
+    fit = regression_of(creased, descend(creased, layout, freeze({}), start))
     found = structure(scene.data, fit)
     assert abs(found.smooth) < found.by_chance < 0.02
     assert found.persistent < -2.0 * found.by_chance  # a mean of 12 frames was taken off

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
+from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.outcome import regression_of
@@ -133,17 +135,18 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     assert fit.converged
     found = regression_of(weighing, fit)
     errors = found.standard_errors()
-    assert found.values["clamp_slip.compliance"] == pytest.approx(0.01, rel=0.1)
-    for name, truth in TRUTH.items():
-        assert abs(found.values[name] - truth) < 4 * errors[name]
+    slipping = Key("clamp_slip", "compliance")
+    assert found.values[slipping] == pytest.approx(0.01, rel=0.1)
+    for key, truth in zip(MODULI, TRUTH.values(), strict=True):
+        assert abs(found.values[key] - truth) < 4 * errors[key]
     # of moduli by their logarithms
     sd = np.sqrt(np.diag(fit.covariance))
-    for place, name in enumerate(TRUTH):
-        assert errors[name] / found.values[name] == pytest.approx(sd[place], rel=1e-6)
+    for place, key in enumerate(MODULI):
+        assert errors[key] / found.values[key] == pytest.approx(sd[place], rel=1e-6)
     slip = layout.columns(model).tolist().index(layout.part("clamp_slip").start)
-    assert errors["clamp_slip.compliance"] == pytest.approx(sd[slip], rel=1e-6)
+    assert errors[slipping] == pytest.approx(sd[slip], rel=1e-6)
     # what the data hardly say of is known by its prior, held out or not
-    assert max(errors[k] for k in found.keys if "stiffness_field" in k) < 0.15
+    assert max(errors[k] for k in found.keys if k.effect == "stiffness_field") < 0.15
     assert found.held_out() < 1.3 * found.normal.count
 
 

@@ -11,6 +11,8 @@ from matplotlib.image import imread
 
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.errors import InputError
+from bulgefit.gap.diagnosis import Verdict
+from bulgefit.gap.effects import SHEAR
 from bulgefit.gap.explain import Evidence, FoundField
 from bulgefit.report._diagnosis_charts import plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where
@@ -104,7 +106,9 @@ def replace_groups(found, **changes):
         "explained": found.gaps["baseline"],
         "heldout_explained": found.gaps["heldout_baseline"],
     }
-    return replace(found, verdict="unknown", causes=[], explanation=kept, gaps=gaps, **changes)
+    return replace(
+        found, verdict=Verdict.UNKNOWN, causes=[], explanation=kept, gaps=gaps, **changes
+    )
 
 
 @pytest.mark.parametrize("target", ["file", "file/sub"])
@@ -155,11 +159,11 @@ def test_words_of_every_verdict(found):
     assert "standard errors" in text
     assert "It looks like" in text
     silent = replace_groups(found, rest=found.explanation.remainder)
-    silent.verdict = "none"
+    silent.verdict = Verdict.NONE
     assert "good to the noise" in text_of(silent)
     (cause,) = found.causes
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
-    ambiguous = replace(found, verdict="ambiguous", causes=[split])
+    ambiguous = replace(found, verdict=Verdict.AMBIGUOUS, causes=[split])
     for text in (text_of(ambiguous)), report_text(ambiguous):
         assert "one of rigid_motion or fixture_motion" in text
         assert "edge of what is plausible" in " ".join(text.split())
@@ -188,7 +192,7 @@ def test_what_has_no_name_is_told_by_its_place(found, group, where, told):
         fields=[found_field],
         evidence={**found.explanation.evidence, **evidence},
     )
-    text = text_of(replace(found, verdict="partial", explanation=explanation))
+    text = text_of(replace(found, verdict=Verdict.PARTIAL, explanation=explanation))
     assert "is sure; beside that, something that has no name sits in the place" in text
     assert told in text
     unnamed = replace_groups(found)
@@ -213,7 +217,7 @@ def test_a_shear_modulus_that_was_held_is_a_limit(found):
     explanation = replace(found.explanation, baseline=base)
     text = " ".join(report_text(replace(found, causes=[biased], explanation=explanation)).split())
     assert "E1 comes out 10 % too high and G12 comes out at least 40 % too low" in text
-    assert f"G12 {base.values['G12']:.3g} at most" in text
+    assert f"G12 {base.values[SHEAR]:.3g} at most" in text
     free = replace(biased, bias_held=False)
     text = " ".join(report_text(replace(found, causes=[free])).split())
     assert "G12 comes out 40 % too low" in text

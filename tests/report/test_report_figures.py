@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest
+from bulgefit.dic.surface.measured import measure
 from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.report import _figure, fields, profiles, residuals
 from bulgefit.report.fields import plot_fields
+from bulgefit.report.measured import plot_apex, plot_measured, plot_rings
 from bulgefit.report.profiles import plot_profiles
 from bulgefit.report.residuals import plot_residuals
 
@@ -182,3 +185,33 @@ def test_no_opengl(monkeypatch, tmp_path):
     with pytest.raises(BulgefitError, match="apt-get install libegl1"):
         plot_fields(mesh.nodes, mesh.cells, np.zeros((len(mesh.nodes), 3)), tmp_path / "p.png")
     assert not list(tmp_path.iterdir())
+
+
+MEASURED = (plot_apex, plot_rings, plot_measured)
+
+
+@pytest.fixture(scope="module")
+def bulge():
+    return measure(made()[0], window=40.0)
+
+
+@pytest.mark.parametrize("plot", MEASURED)
+def test_figures_of_what_was_measured(plot, bulge, tmp_path):
+    figure = plot(bulge)
+    assert isinstance(figure, Figure)
+    for suffix in ("png", "pdf", "svg"):
+        plot(bulge, tmp_path / f"f.{suffix}")
+    not_blank(tmp_path / "f.png")
+    labels = {text for panel in figure.axes for text in (panel.get_xlabel(), panel.get_ylabel())}
+    assert any(text.endswith(("mm)", "MPa)")) for text in labels)
+    with pytest.raises(InputError, match="exists"):
+        plot(bulge, tmp_path / "f.png")
+    assert "made" in figure.get_suptitle()
+
+
+def test_maps_of_a_frame_that_is_not_there(bulge):
+    assert "3 bar" in plot_measured(bulge).get_suptitle()
+    assert "0.5 bar" in plot_measured(bulge, frame=0).get_suptitle()
+    for frame in (6, "last"):
+        with pytest.raises(InputError, match="frames 0 to 5"):
+            plot_measured(bulge, frame=frame)

@@ -70,9 +70,8 @@ def test_maps_hold_what_was_measured_and_what_is_left_of_it(found, record, plate
 
 def test_an_offset_of_every_point_is_that_which_leaves_least(plate):
     values = {"E1": 330.0, "E2": 230.0, "G12": 40.0}
-    plain, offset = (
-        of_diagnosis(plate, values, 0, "hencky", offsets=given)[0] for given in (False, True)
-    )
+    trust = {"judged_bar": (10.0 * plate.pressure).tolist(), "trust": [1.0] * 6}
+    plain, offset = (of_diagnosis(plate, values, 0, "hencky", t)[0] for t in (None, trust))
     (block,) = plate.blocks
     left = block.displacement - offset
     np.testing.assert_allclose(np.nanmean(left, axis=0), 0.0, atol=1e-12)

@@ -16,6 +16,7 @@ from bulgefit.cli import trial as verb
 from bulgefit.cli.main import _Parser
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import diagnose
+from bulgefit.parallel.journal import Journal, journaled
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial import run as trial
 from bulgefit.trial.foreign import FOREIGN
@@ -360,3 +361,54 @@ def test_verb_prints_the_table_and_writes_json(tmp_path, monkeypatch, capsys):
     result = json.loads(file.read_text())
     assert result["scores"]["false_alarms"]["hits"] == 0
     assert result["meta"]["versions"]["bulgefit"]
+
+
+@pytest.mark.parametrize("pieces", [1, 4])
+def test_an_interrupted_trial_goes_on(tmp_path, monkeypatch, pieces):
+    """After one test was made, and after one of three was diagnosed."""
+    asked = {"verb": "trial"}
+    whole = small(tmp_path / "whole")
+    begun = []
+
+    def counted(tests, **options):
+        begun.append(tests[0].name)
+        return silent(tests, **options)
+
+    folder = tmp_path / "parts" / "trial"
+    options = {"diagnose": counted}
+    with monkeypatch.context() as patch:
+        keep, left = Journal.keep, [pieces]
+
+        def interrupted(self, *piece):
+            keep(self, *piece)
+            left[0] -= 1
+            if not left[0]:
+                raise KeyboardInterrupt
+
+        patch.setattr(Journal, "keep", interrupted)
+        with pytest.raises(KeyboardInterrupt), journaled(tmp_path / "journal", asked):
+            small(tmp_path / "parts", **options)
+    with pytest.raises(InputError, match="holds something"):
+        small(tmp_path / "parts", **options)
+    begun.clear()
+    # what a process that was killed in the midst of writing leaves
+    (folder / "tests" / ".test_0002.0-1-abc.npz").write_bytes(b"half")
+    with journaled(tmp_path / "journal", asked, resume=True):
+        found = small(tmp_path / "parts", resume=True, **options)
+    assert len(begun) == (3 if pieces == 1 else 2)
+    for result in (whole, found):
+        result["meta"].pop("seconds")
+    assert found["meta"] == whole["meta"]
+    for part in ("tests", "sealed"):
+        for file in (tmp_path / "whole" / "trial" / part).iterdir():
+            assert (folder / part / file.name).read_bytes() == file.read_bytes()
+    assert not (tmp_path / "journal").exists()
+
+
+def test_a_trial_goes_on_in_its_own_folder_alone(tmp_path):
+    small(tmp_path)
+    with pytest.raises(InputError, match="holds another trial; go on with what"):
+        small(tmp_path, 2, resume=True)
+    (tmp_path / "trial" / "notes.txt").touch()
+    with pytest.raises(InputError, match=r"holds notes\.txt, which is no part of a trial"):
+        small(tmp_path, resume=True)

@@ -43,6 +43,8 @@ __all__ = [
     "write_json",
 ]
 
+#: Version of the JSON of verbs whose results tell no version of their own.
+FORMAT = 1
 #: nu12 where neither the command nor a test gives one: the published study's.
 USUAL_POISSON_RATIO = 0.24
 
@@ -281,7 +283,7 @@ def deliver(
         was told to end while more was computed has no time left for them.
     """
     if hasattr(args, "words"):  # a command line, and no part of one
-        payload = {**payload, "run": run_of(args)}
+        payload = {"format": FORMAT, **payload, "run": run_of(args)}
     if isinstance(sys.exc_info()[1], KeyboardInterrupt):
         works = ()
     with ExitStack() as rest:  # what is put first is done last

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_effect_arguments",
     "add_freeing_arguments",
+    "add_prior_argument",
     "held_from",
     "priors_from",
     "take_found_moduli",
@@ -55,13 +56,7 @@ def add_freeing_arguments(parser: argparse.ArgumentParser) -> None:
         help="fit these effects (or single parameters, EFFECT.PARAMETER) beside the moduli, as "
         "clamp_slip,initial_shape",
     )
-    group.add_argument(
-        "--prior",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE+-SD",
-        help="what is believed of a fitted parameter, in its unit, as E1=300+-60",
-    )
+    add_prior_argument(group, "what is believed of a fitted parameter, in its unit, as E1=300+-60")
     group.add_argument(
         "--uncertainty",
         action="append",
@@ -69,6 +64,13 @@ def add_freeing_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=SD",
         help="standard deviation of thickness, radius or pressure, as a share (thickness=0.02), or "
         "of nu12; intervals include it",
+    )
+
+
+def add_prior_argument(group: argparse._ArgumentGroup, meaning: str) -> None:
+    """Add --prior."""
+    group.add_argument(
+        "--prior", action="append", default=[], metavar="NAME=VALUE+-SD", help=meaning
     )
 
 

@@ -152,10 +152,10 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def inputs(args: argparse.Namespace) -> list[Path]:
-    """The files that are read: of tests and, if given, a mesh and a held-out test."""
+    """The files that are read: of tests and, if given, a mesh, pressures and a held-out test."""
     from bulgefit.cli.tests_in import files_read
 
-    others = [getattr(args, name, None) for name in ("mesh", "holdout", "from_file")]
+    others = [getattr(args, name, None) for name in ("mesh", "holdout", "from_file", "pressure")]
     return files_read([*args.tests, *others])
 
 

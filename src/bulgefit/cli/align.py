@@ -22,10 +22,6 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "lay a raw cloud of points into the clamp's frame; bin it, mask it, drop strays"
 
 
-#: Version of the JSON.
-FORMAT = 1
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -122,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.dic.align import pose_of
     from bulgefit.files import check_output
 
-    _common.check_outputs(args, files_read([args.input]), [args.output])
+    _common.check_outputs(args, files_read([args.input, args.pressure]), [args.output])
     check_output(args.output, args.force)
     steps = _steps(args)
     poses: list[Pose] = []
@@ -138,7 +134,6 @@ def run(args: argparse.Namespace) -> int:
 
     test = read_test(args.input, mends=[align], **reader_options(args))
     payload = {
-        "format": FORMAT,
         "source": test.source,
         "checksum": test.checksum,
         "output": args.output,
@@ -214,6 +209,10 @@ def _table(before: Pose, after: Pose) -> str:
         ("outline", lambda p: f"{_two(p.outline_centre_mm)}, radius {p.outline_radius_mm:.4g} mm"),
         ("heights' centre", lambda p: _with(_two(p.rim_centre_mm), _two(p.rim_centre_error_mm))),
         ("heights' radius", lambda p: _with(_one(p.rim_radius_mm), _one(p.rim_radius_error_mm))),
+        (
+            "heights' semi-axes",
+            lambda p: _with(_two(p.rim_semi_axes_mm), _two(p.rim_semi_axes_error_mm)),
+        ),
         ("rim turns by up to", lambda pose: _one(pose.rim_rotation_deg, "degrees")),
         ("rim shifts by up to", lambda pose: _one(pose.rim_shift_mm, "mm")),
         ("stray displacements", lambda pose: str(pose.strays)),

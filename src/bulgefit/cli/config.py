@@ -140,6 +140,7 @@ def _texts(action: argparse.Action, value: Any, where: str) -> list[str]:
             raise InputError(f"{where}: give true or false, not {value!r}")
         return ["true"] if value else []
     several = action.nargs in ("+", "*") or isinstance(action, argparse._AppendAction)
+    several = several or isinstance(action.nargs, int)
     items = value if several and isinstance(value, list) else [value]
     if not items or any(isinstance(i, (bool, list, dict)) for i in items):
         kind = "a string or a number, or a list of them" if several else "a string or a number"

@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.dic import read_test, write_test
     from bulgefit.files import check_apart, check_output
 
-    check_apart([args.output], files_read([args.input]))
+    check_apart([args.output], files_read([args.input, args.pressure]))
     check_output(args.output, args.force)
     if not math.isfinite(args.rotate):
         raise InputError(f"--rotate {args.rotate}: give an angle in degrees")

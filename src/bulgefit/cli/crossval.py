@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from bulgefit.cli import _common, _fitting
+from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 
@@ -31,12 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
+    _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
     add_report_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Cross-validate and print."""
+    _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args), check_page(args))
     tests = _fitting.read_tests(args)
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
@@ -45,10 +47,11 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.fitting.result import describe_tests
 
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
-    with _common.executor_from(args) as executor:
-        result = crossval(tests, args.objective, executor=executor, **options)
-    result = {**result, "sources": describe_tests(tests)}
-    _common.deliver(args, result, _table(result), *page_of(args, result, tests))
+    with _resuming.resumable(args, "crossval", tests):
+        with _common.executor_from(args) as executor:
+            result = crossval(tests, args.objective, executor=executor, **options)
+        result = {**result, "sources": describe_tests(tests)}
+        _common.deliver(args, result, _table(result), *page_of(args, result, tests))
     return 0
 
 

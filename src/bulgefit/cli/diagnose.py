@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli import _common, _fitting
+from bulgefit.cli import _common, _fitting, _resuming
+from bulgefit.cli._effects import add_prior_argument, priors_from
 from bulgefit.cli.report import check_page, is_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
@@ -30,9 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "effects that the model leaves out cause it, and how far it shrinks once they are added.\n"
         "All effects are freed at once, beside a field in each place for what has no name, and\n"
         "weighed by evidence. The verdict is none (good to the noise), named, ambiguous,\n"
-        "partial (causes are sure, and something else is left) or unknown. Several tests share\n"
-        "their material, all other effects are each test's own. Moduli in MPa, pressures in bar,\n"
-        "gaps in mm. Refits go side by side, by several --workers (processes) or those of a\n"
+        "partial (causes are sure, and something else is left) or unknown. Several tests are\n"
+        "specimens of one cloth: they share its law, about which each has factors of its own\n"
+        "along warp and fill; all other effects are each test's own. Moduli in MPa, pressures in\n"
+        "bar, gaps in mm. Refits go side by side, by several --workers (processes) or those of a\n"
         "--scheduler; what is found does not depend on them."
     )
     parser.epilog = (
@@ -40,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit diagnose test1.npz --report gap.html\n"
         "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
         "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
+        "  bulgefit diagnose test1.npz test2.npz test3.npz --same-rig --prior E1=700+-100\n"
         "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion\n"
         "  bulgefit diagnose test1.npz --thorough --scheduler tcp://cluster:8786"
     )
@@ -68,6 +71,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAR",
         help="leave frames above this pressure (bar) out (default: all frames)",
     )
+    group.add_argument(
+        "--same-rig",
+        action="store_true",
+        help="several tests share what belongs to clamp and cameras: the clamp's shape, the lens "
+        "and its scales (default: each has its own)",
+    )
+    add_prior_argument(
+        group, "what is believed of E1, E2 or G12 (MPa), as E1=300+-60 (default: next to nothing)"
+    )
     _common.add_law_argument(group)
     group.add_argument(
         "--seed",
@@ -87,13 +99,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "does not end in .html is a folder (made if needed) for the page, figures and a summary in "
         "Markdown (default: none)",
     )
+    _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose, write, draw and print."""
+    _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args))
     effects = _effects(args.effects)
+    priors = priors_from(args)
     workers = _common.workers_from(args)
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
@@ -105,22 +120,25 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.report._diagnosis_words import table
     from bulgefit.report.record import record_of
 
-    # threads would wait for each other: most of a refit is Python
-    with _common.executor_from(args, processes=workers > 1) as executor:
-        found = diagnose(
-            tests,
-            holdout=holdout,
-            effects=effects,
-            law=args.law,
-            thorough=args.thorough,
-            seed=args.seed,
-            executor=executor,
-            # those of a cluster have their own work for their cores
-            workers=1 if args.scheduler else workers,
-            say=partial(_common.step, args),
-        )
-    record = record_of(found)
-    _common.deliver(args, record, table(record), *_works(args, found, record))
+    with _resuming.resumable(args, "diagnose", [*tests, *([holdout] if holdout else [])]):
+        # threads would wait for each other: most of a refit is Python
+        with _common.executor_from(args, processes=workers > 1) as executor:
+            found = diagnose(
+                tests,
+                holdout=holdout,
+                effects=effects,
+                law=args.law,
+                thorough=args.thorough,
+                same_rig=args.same_rig,
+                priors=priors,
+                seed=args.seed,
+                executor=executor,
+                # those of a cluster have their own work for their cores
+                workers=1 if args.scheduler else workers,
+                say=partial(_common.step, args),
+            )
+        record = record_of(found)
+        _common.deliver(args, record, table(record), *_works(args, found, record))
     return 0
 
 

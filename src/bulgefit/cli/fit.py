@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli import _common, _fitting
+from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _fitting.add_comparison_arguments(parser)
     _common.add_solver_arguments(parser)
     add_reader_arguments(parser)
+    _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
     add_report_argument(parser)
     parser.add_argument(
@@ -75,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, write, draw and print."""
+    _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args))
     tests = _fitting.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
@@ -90,7 +92,10 @@ def run(args: argparse.Namespace) -> int:
         f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
         f"{args.starts} starts",
     )
-    with _common.executor_from(args, processes=args.bootstrap is not None) as executor:
+    with (
+        _resuming.resumable(args, "fit", tests),
+        _common.executor_from(args, processes=args.bootstrap is not None) as executor,
+    ):
         options["executor"] = executor
         result = fit(tests, args.objective, **options)
         payload, lines = result.to_dict(), [result.report()]

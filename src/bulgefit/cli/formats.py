@@ -15,10 +15,6 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "list the files that are read as bulge tests, with an example line of each"
 
 
-#: Version of the JSON.
-FORMAT = 1
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -39,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     for line in load_plugins():
         _common.progress(args, line)
     readers = [READERS[name] for name in sorted(READERS)]
-    payload = {"format": FORMAT, "formats": [_plain(reader) for reader in readers]}
+    payload = {"formats": [_plain(reader) for reader in readers]}
     _common.deliver(args, payload, "\n".join(_shown(reader) for reader in readers))
     return 0
 

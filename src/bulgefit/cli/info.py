@@ -16,10 +16,6 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "show what a bulge test holds and what looks wrong with it"
 
 
-#: Version of the JSON.
-FORMAT = 1
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -52,9 +48,9 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.dic import describe, read_test
 
-    _common.check_outputs(args, files_read([args.test]))
+    _common.check_outputs(args, files_read([args.test, args.pressure]))
     info = describe(read_test(args.test, **reader_options(args)))
-    _common.deliver(args, {"format": FORMAT, **asdict(info)}, _table(info))
+    _common.deliver(args, asdict(info), _table(info))
     return 0
 
 
@@ -63,7 +59,7 @@ def _table(info: TestInfo) -> str:
         ("test", info.name),
         ("source", info.source),
         ("sha256", info.checksum),
-        ("clamp radius", f"{info.radius:g} mm"),
+        _clamp(info),
         ("thickness", f"{info.thickness:g} mm"),
         ("nu12", f"{info.poisson_ratio:g}"),
         ("frames", _frames(info)),
@@ -85,6 +81,13 @@ def _table(info: TestInfo) -> str:
     for warning in info.warnings:
         lines += [f"  - {warning.text} [{warning.code}]", f"    {warning.remedy}"]
     return "\n".join(lines)
+
+
+def _clamp(info: TestInfo) -> tuple[str, str]:
+    if info.semi_axes is None:
+        return "clamp radius", f"{info.radius:g} mm"
+    along_x, along_y = info.semi_axes
+    return "clamp semi-axes", f"{along_x:g} mm along x, {along_y:g} along y"
 
 
 def _frames(info: TestInfo) -> str:

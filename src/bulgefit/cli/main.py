@@ -26,8 +26,10 @@ VERBS = {
     "convert": ("bulgefit.cli.convert", "bring a measured test into bulgefit's own files"),
     "align": ("bulgefit.cli.align", "lay a raw cloud of points into the clamp's frame"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
+    "measure": ("bulgefit.cli.measure", "strain and stress as measured, without a model"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
+    "batch": ("bulgefit.cli.batch", "fit each of several specimens, and show their spread"),
     "crossval": ("bulgefit.cli.crossval", "fit with each test left out in turn"),
     "diagnose": ("bulgefit.cli.diagnose", "find where and why the model misses tests"),
     "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
@@ -108,8 +110,9 @@ def _dispatch(words: list[str]) -> int:
     args.quiet = args.quiet or before.quiet
     args.words, args.began = words, _now()
     check_config(args)
+    asked = argparse.Namespace(**vars(args))  # a verb may fill in what it finds out
     status = int(module.run(args))
-    save_config(parser, args)
+    save_config(parser, asked)
     return status
 
 

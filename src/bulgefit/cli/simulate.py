@@ -20,9 +20,6 @@ __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "inflate a membrane of known material"
 
-#: Version of the JSON.
-FORMAT = 1
-
 _USUAL_RADIUS, _USUAL_THICKNESS = 100.0, 0.81
 
 
@@ -233,7 +230,6 @@ def _payload(
 ) -> dict[str, Any]:
     mesh = result.mesh
     return {
-        "format": FORMAT,
         "pressure_bar": pressures,
         "apex_mm": result.apex,
         "factorisations": result.factorisations,

@@ -55,6 +55,14 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         help="clamp radius in mm (default: what the file says; 100 for the study's layout)",
     )
     group.add_argument(
+        "--semi-axes",
+        type=float,
+        nargs=2,
+        metavar=("A", "B"),
+        help="semi-axes in mm, along x (warp) and y (fill), of an elliptic clamp, in the place of "
+        "its radius (default: what the file says, else a circle)",
+    )
+    group.add_argument(
         "--thickness",
         type=float,
         metavar="MM",
@@ -105,6 +113,7 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
         "format": args.format,
         "radius": args.radius,
         "thickness": args.thickness,
+        "semi_axes": None if args.semi_axes is None else tuple(args.semi_axes),
     }
     for key in _OF_EXPORTS:
         if getattr(args, key) is not None:

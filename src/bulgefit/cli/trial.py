@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli import _common
+from bulgefit.cli import _common, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.errors import InputError
 
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "check the diagnosis on made tests whose effect is withheld"
-
-
-#: Version of the JSON.
-FORMAT = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,12 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)
+    _resuming.add_resume_arguments(parser, "--output")
     _common.add_json_arguments(parser)
     add_report_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Make, seal, diagnose, open, score."""
+    _resuming.ready(args)
     folder = Path(args.output)
     kept = [p for part in ("tests", "sealed", "answers") for p in folder.glob(f"{part}/*")]
     inputs = [folder / "trial.json", folder / "seals.txt", *kept]
@@ -109,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     elsewhere: AbstractContextManager[Executor | None] = nullcontext()
     if args.scheduler is not None:
         elsewhere = _common.executor_from(args)
-    with elsewhere as executor:
+    with _resuming.resumable(args, "trial") as resumed, elsewhere as executor:
         result = run_trial(
             args.number,
             args.seed,
@@ -121,9 +119,10 @@ def run(args: argparse.Namespace) -> int:
             options={"effects": [*CATALOGUE]} if args.strike else None,
             recipe=Recipe(shrink=args.shrink),
             executor=executor,
+            resume=resumed,
             say=lambda line: _common.progress(args, line),
         )
-    return _told(args, result)
+        return _told(args, result)
 
 
 def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
@@ -131,8 +130,7 @@ def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
     from bulgefit.trial.table import report
 
     result["meta"]["versions"] = _common.versions()
-    told = {"format": FORMAT, **result}
-    _common.deliver(args, told, report(result["scores"]), *page_of(args, told, []))
+    _common.deliver(args, result, report(result["scores"]), *page_of(args, result, []))
     return 0
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from bulgefit.dic import mend
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.outliers import stray_points
-from bulgefit.dic.rim import rim_of
+from bulgefit.dic.rim import rim_of, rim_semi_axes
 from bulgefit.dic.rim_motion import rim_motions
 from bulgefit.errors import InputError
 
@@ -47,6 +47,8 @@ class Pose:
     rim_centre_mm, rim_centre_error_mm : (x, y) or None, mm
         Where the heights fall to zero.
     rim_radius_mm, rim_radius_error_mm : float or None, mm
+    rim_semi_axes_mm, rim_semi_axes_error_mm : (along x, along y) or None, mm
+        Of the ellipse on which the heights fall to zero.
     rim_rotation_deg, rim_shift_mm : float or None
         The largest rigid motion of the rim in any frame. This and the rim are told where the test
         lies near the clamp's frame.
@@ -64,6 +66,8 @@ class Pose:
     rim_centre_error_mm: tuple[float, float] | None
     rim_radius_mm: float | None
     rim_radius_error_mm: float | None
+    rim_semi_axes_mm: tuple[float, float] | None
+    rim_semi_axes_error_mm: tuple[float, float] | None
     rim_rotation_deg: float | None
     rim_shift_mm: float | None
     strays: int
@@ -76,7 +80,7 @@ def pose_of(test: BulgeTest) -> Pose:
     centre, radius = outline(test)
     tilt, height = _plane(test)
     near = tilt is not None and np.hypot(*centre) < _NEAR * test.radius
-    rim = rim_of(test) if near else None
+    rim, oval = (rim_of(test), rim_semi_axes(test)) if near else (None, None)
     rotation, shift = _motion(test) if near else (None, None)
     return Pose(
         tilt_deg=tilt,
@@ -87,6 +91,8 @@ def pose_of(test: BulgeTest) -> Pose:
         rim_centre_error_mm=None if rim is None else _pair(rim.centre_error),
         rim_radius_mm=None if rim is None else rim.radius,
         rim_radius_error_mm=None if rim is None else rim.radius_error,
+        rim_semi_axes_mm=None if oval is None else _pair(oval[0]),
+        rim_semi_axes_error_mm=None if oval is None else _pair(oval[1]),
         rim_rotation_deg=rotation,
         rim_shift_mm=shift,
         strays=sum(int(_strays(test, i).sum()) for i in range(test.n_frames)),
@@ -121,6 +127,8 @@ def _pair(values: Floats) -> tuple[float, float]:
 def outline(test: BulgeTest) -> tuple[Floats, float]:
     """Centre (2,) and radius (mm) of a circle through the convex hull of the measured points.
 
+    Of an ellipse like the clamp's where that is one; its radius is the mean of the semi-axes.
+
     The least-squares circle of Kåsa (IEEE Trans. Instrum. Meas. 25, 1976), which is linear.
 
     Raises
@@ -130,7 +138,7 @@ def outline(test: BulgeTest) -> tuple[Floats, float]:
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    points = _measured(test)[:, :2]
+    points = test.on_circle(_measured(test))
     if not len(points):
         raise InputError(f"{test.source or test.name}: no measured point is left")
     middle = points.mean(axis=0)
@@ -140,8 +148,9 @@ def outline(test: BulgeTest) -> tuple[Floats, float]:
         found = np.linalg.lstsq(basis, (hull**2).sum(axis=1), rcond=None)[0]
     except QhullError:
         # one point, or points on a line
-        return middle, float(np.hypot(*(points - middle).T).max())
-    return middle + found[:2], float(np.sqrt(found[2] + found[:2] @ found[:2]))
+        return middle * test.stretch, float(np.hypot(*(points - middle).T).max())
+    centre = (middle + found[:2]) * test.stretch
+    return centre, float(np.sqrt(found[2] + found[:2] @ found[:2]))
 
 
 def _measured(test: BulgeTest) -> Floats:

@@ -69,6 +69,9 @@ class BulgeTest:
     pressure : (frames,) array, MPa
     radius, thickness : float, mm
         Clamp radius and nominal thickness.
+    ellipticity : float
+        The clamp's semi-axes are radius (1 + ellipticity) along x and radius (1 - ellipticity)
+        along y; 0 where it is a circle.
     poisson_ratio : float
         nu12 that a fit holds fixed unless it is freed.
     static_displacement : (m, n, 3) array, mm, or None
@@ -91,6 +94,7 @@ class BulgeTest:
     source: str = ""
     checksum: str = ""
     history: tuple[str, ...] = ()
+    ellipticity: float = 0.0
 
     def __post_init__(self) -> None:
         for key in ("pressure", "static_displacement", "time"):
@@ -117,6 +121,7 @@ class BulgeTest:
         source: str = "",
         checksum: str = "",
         history: Sequence[str] = (),
+        ellipticity: float = 0.0,
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -135,6 +140,7 @@ class BulgeTest:
         time : (frames,) array_like, s, optional
         source, checksum : str
         history : sequence of str
+        ellipticity : float
         crop : float, mm, optional
             Points farther than this from the centre are left out before the test is checked.
         mends : sequence of callables, optional
@@ -167,6 +173,7 @@ class BulgeTest:
             source=source,
             checksum=checksum,
             history=tuple(history),
+            ellipticity=float(ellipticity),
         )
         return test._checked(crop, mends)
 
@@ -184,6 +191,7 @@ class BulgeTest:
         source: str = "",
         checksum: str = "",
         history: Sequence[str] = (),
+        ellipticity: float = 0.0,
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -198,7 +206,8 @@ class BulgeTest:
             Reference and displacement of each frame; points without a position or without any
             measured component are dropped.
         pressure : (frames,) array_like, MPa
-        name, radius, thickness, poisson_ratio, time, source, checksum, history, crop, mends
+        name, radius, thickness, poisson_ratio, time, source, checksum, history, ellipticity,
+        crop, mends
             As in `from_arrays`.
 
         Raises
@@ -224,8 +233,23 @@ class BulgeTest:
             source=source,
             checksum=checksum,
             history=tuple(history),
+            ellipticity=float(ellipticity),
         )
         return test._checked(crop, mends)
+
+    @property
+    def stretch(self) -> NDArray[np.float64]:
+        """(2,) array: the clamp's semi-axes along x and y over its radius."""
+        return np.array([1.0 + self.ellipticity, 1.0 - self.ellipticity])
+
+    @property
+    def semi_axes(self) -> NDArray[np.float64]:
+        """(2,) array, mm: the clamp's semi-axes along x and y."""
+        return np.asarray(self.radius * self.stretch)
+
+    def on_circle(self, points: Floats) -> NDArray[np.float64]:
+        """Positions (n, 2) mm of points (n, 2 or 3) where the clamp's ellipse is a circle."""
+        return np.asarray(points[:, :2] / self.stretch, dtype=np.float64)
 
     @property
     def n_frames(self) -> int:
@@ -304,7 +328,19 @@ class BulgeTest:
         Parameters
         ----------
         angle : float, degree
+
+        Raises
+        ------
+        InputError
+            The clamp is an ellipse whose axes would not lie along x and y.
         """
+        quarters, rest = divmod(angle, 90.0)
+        if self.ellipticity and rest:
+            raise InputError(
+                f"{self.source or self.name}: the axes of an elliptic clamp lie along x and y, so "
+                f"it turns by 90 degrees, not by {angle:g}; a warp at an angle to them is the "
+                "effect axis_misalignment"
+            )
         static = self.static_displacement
         return replace(
             self,
@@ -313,6 +349,7 @@ class BulgeTest:
                 for block in self.blocks
             ),
             static_displacement=None if static is None else _turn(static, angle),
+            ellipticity=-self.ellipticity if quarters % 2 else self.ellipticity,
         )
 
     def select(

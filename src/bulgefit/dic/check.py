@@ -107,6 +107,8 @@ def _check_specimen(test: BulgeTest) -> None:
             f"{where}: thickness {thickness:g} mm is more than half the radius {radius:g} mm, it "
             "looks like micrometres; give mm (--thickness)"
         )
+    if not abs(test.ellipticity) < 1:
+        raise InputError(f"{where}: ellipticity {test.ellipticity:g} must lie between -1 and 1")
     if not 0 <= nu < 0.5:
         raise InputError(f"{where}: poisson_ratio {nu:g} must be at least 0 and below 0.5")
 
@@ -188,14 +190,18 @@ def _check_static(test: BulgeTest) -> None:
 def _check_clamp(test: BulgeTest) -> None:
     worst, outside = 0.0, 0
     for block in test.blocks:
-        distance = np.hypot(*block.reference[block.measured.any(axis=0), :2].T)
-        outside += int((distance > _OUTSIDE * test.radius).sum())
-        worst = max(worst, float(distance.max(initial=0.0)))
+        points = block.reference[block.measured.any(axis=0)]
+        far = np.hypot(*test.on_circle(points).T) > _OUTSIDE * test.radius
+        outside += int(far.sum())
+        worst = max(worst, float(np.hypot(*points[far, :2].T).max(initial=0.0)))
     if outside:
+        clamp = f"clamp radius is {test.radius:g} mm; correct the radius"
+        if test.ellipticity:
+            a, b = test.semi_axes
+            clamp = f"clamp's semi-axes are {a:g} and {b:g} mm; correct them"
         raise InputError(
             f"{_where(test)}: {outside} points lie outside the clamp, at up to r = {worst:.4g} mm "
-            f"where the clamp radius is {test.radius:g} mm; correct the radius, or drop them with "
-            f"bulgefit convert --crop {test.radius:g}"
+            f"where the {clamp}, or drop them with bulgefit convert --crop {min(test.semi_axes):g}"
         )
 
 

@@ -25,6 +25,8 @@ class TestInfo:
     ----------
     name, source, checksum : str
     radius, thickness : float, mm
+    semi_axes : (along x, along y) or None, mm
+        Of an elliptic clamp, whose radius is their mean.
     poisson_ratio : float
     n_frames : int
     n_blocks : int
@@ -69,6 +71,7 @@ class TestInfo:
     checksum: str
     radius: float
     thickness: float
+    semi_axes: tuple[float, float] | None
     poisson_ratio: float
     n_frames: int
     n_blocks: int
@@ -103,7 +106,8 @@ def describe(test: BulgeTest) -> TestInfo:
     per_frame = np.zeros(test.n_frames, dtype=int)
     for block, seen in zip(test.blocks, measured, strict=True):
         per_frame[block.frames] = seen.sum(axis=1)
-    whole, quadrants = coverage(points, test.radius)
+    whole, quadrants = coverage(test.on_circle(points), test.radius)
+    along_x, along_y = test.semi_axes
     static = test.static_displacement
     return TestInfo(
         name=test.name,
@@ -111,6 +115,7 @@ def describe(test: BulgeTest) -> TestInfo:
         checksum=test.checksum,
         radius=test.radius,
         thickness=test.thickness,
+        semi_axes=(float(along_x), float(along_y)) if test.ellipticity else None,
         poisson_ratio=test.poisson_ratio,
         n_frames=test.n_frames,
         n_blocks=len(test.blocks),

@@ -18,7 +18,7 @@ __all__ = ["OPTIONAL", "REQUIRED", "need_memory", "recording_from"]
 REQUIRED = ("reference", "displacement", "pressure")
 OPTIONAL = (
     *("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time"),
-    "history",
+    *("history", "ellipticity"),
 )
 
 # Of what else a file holds, so many names are told.
@@ -82,6 +82,7 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
         checksum=checksum,
         radius=_number(arrays, "radius", where),
         thickness=_number(arrays, "thickness", where),
+        ellipticity=_number(arrays, "ellipticity", where),
         poisson_ratio=_number(arrays, "poisson_ratio", where),
         static_displacement=arrays.get("static_displacement"),
         time=arrays.get("time"),

@@ -198,7 +198,7 @@ def levelled(test: BulgeTest) -> BulgeTest:
 def rim_plane(test: BulgeTest) -> tuple[Floats, Floats]:
     """The plane through the outer ring: its point (0, 0, z) in mm, and its unit normal."""
     points = np.concatenate([block.reference[block.measured.any(axis=0)] for block in test.blocks])
-    ring = points[np.hypot(*points[:, :2].T) > _RING * test.radius]
+    ring = points[np.hypot(*test.on_circle(points).T) > _RING * test.radius]
     basis = np.column_stack([ring[:, :2], np.ones(len(ring))])
     # seen from the centre the ring must not lie in one half only
     around = np.sort(np.arctan2(ring[:, 1], ring[:, 0]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial import KDTree
 
 from bulgefit.dic.bulge_test import BulgeTest
 
-__all__ = ["Noise", "estimate_noise", "noise_of", "outliers", "rough_part"]
+__all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +26,14 @@ MOST_POINTS = 4000
 _CIRCLE, _ASTRAY = 32, 12.0
 #: Frames from which they tell noise from what goes smoothly with pressure.
 _LEAST_FRAMES = 8
+
+
+class Source(StrEnum):
+    """What told the noise."""
+
+    AT_REST = "static images"
+    FRAMES = "frame to frame"
+    FIELD = "the field itself"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +53,14 @@ class Noise:
     persistent : float
         Share of the variance that is the same in every frame: bins whose mean lies off their
         centre, marks on the lens. Averaging over frames does not lower it.
-    source : str
-        "static images", "frame to frame" or "the field itself".
+    source : Source
     """
 
     sigma: Floats
     correlation_length: float
     correlated_share: float
     inflation: float
-    source: str
+    source: Source
     persistent: float = 0.0
 
 
@@ -79,6 +87,7 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
             test.pressure[frames],
             name=test.name,
             radius=test.radius,
+            ellipticity=test.ellipticity,
         )
         residual = None
     together = np.isfinite(test.blocks[0].displacement).all(axis=2).sum(axis=1)
@@ -114,14 +123,14 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
     if len(field):
         # a camera that moved between the images is no noise
         field = field - np.nanmean(field, axis=1, keepdims=True)
-        return _describe(points, field, _robust(field), "static images")
+        return _describe(points, field, _robust(field), Source.AT_REST)
     if residual is not None and len(residual) >= _LEAST_FRAMES:
         field = _flattened(points, _frame_differences(np.asarray(test.pressure), residual))
-        noise = _describe(points, field, _robust(field), "frame to frame")
+        noise = _describe(points, field, _robust(field), Source.FRAMES)
         return _with_persistent(noise, _robust(rough_part(points, residual)), len(residual))
     field = np.asarray(block.displacement if residual is None else residual, dtype=float)
     rough = rough_part(points, field)
-    return _describe(points, rough, _robust(rough), "the field itself")
+    return _describe(points, rough, _robust(rough), Source.FIELD)
 
 
 def _static_images(test: BulgeTest) -> Floats:
@@ -181,9 +190,10 @@ def _flattened(points: Floats, field: Floats) -> Floats:
 
 def _robust(field: Floats) -> Floats:
     """Standard deviation per component from the median absolute deviation, mm."""
+    from scipy.stats import median_abs_deviation
+
     flat = field.reshape(-1, 3)
-    centre = np.nanmedian(flat, axis=0)
-    return np.maximum(1.4826 * np.nanmedian(np.abs(flat - centre), axis=0), 1e-5)
+    return np.maximum(median_abs_deviation(flat, axis=0, scale="normal", nan_policy="omit"), 1e-5)
 
 
 def rough_part(points: Floats, field: Floats) -> Floats:
@@ -215,7 +225,7 @@ def _beyond_surface(points: Floats, field: Floats) -> Floats:
     return np.asarray((field - smooth) / left[None, :, None])
 
 
-def _describe(points: Floats, field: Floats, sigma: Floats, source: str) -> Noise:
+def _describe(points: Floats, field: Floats, sigma: Floats, source: Source) -> Noise:
     """Correlation against distance, and what it does to the variance of a mean."""
     unit = np.clip(field / sigma, -4.0, 4.0)
     unit = np.where(np.isfinite(unit), unit, 0.0)
@@ -302,8 +312,10 @@ def outliers(points: Floats, residual: Floats, sigma: Floats) -> NDArray[np.bool
 
 def _apart(points: Floats, field: Floats, sigma: Floats) -> NDArray[np.bool_]:
     """Points at which a field (n, 3) departs from its median around them."""
+    from scipy.stats import median_abs_deviation
+
     around = field[KDTree(points).query(points, k=_CIRCLE + 1)[1][:, 1:]]
     centre = np.median(around, axis=1)
-    spread = 1.4826 * np.median(np.abs(around - centre[:, None]), axis=1)
+    spread = median_abs_deviation(around, axis=1, scale="normal")
     apart = np.abs(field - centre) > _ASTRAY * np.maximum(sigma, spread)
     return np.asarray(apart.any(axis=1))

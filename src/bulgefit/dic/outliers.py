@@ -19,8 +19,6 @@ _NEIGHBOURS = 12
 # of the bulge, which near the rim would hide strays in the scatter of the neighbours.
 _DEGREE = 6
 _FEWEST_POINTS = 60
-# Median absolute deviation to standard deviation, for a normal distribution.
-_MAD_TO_SIGMA = 1.4826
 
 
 def stray_points(reference: Floats, displacement: Floats, radius: float) -> NDArray[np.bool_]:
@@ -52,13 +50,14 @@ def stray_points(reference: Floats, displacement: Floats, radius: float) -> NDAr
 
 def _is_stray(position: Floats, values: Floats, radius: float) -> NDArray[np.bool_]:
     from scipy.spatial import KDTree
+    from scipy.stats import median_abs_deviation
 
     basis = _polynomials(position / radius)
     rest = values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]
     _, nearest = KDTree(position).query(position, k=_NEIGHBOURS + 1)
     neighbours = rest[nearest[:, 1:]]
     median = np.median(neighbours, axis=1)
-    scatter = _MAD_TO_SIGMA * np.median(np.abs(neighbours - median[:, None]), axis=1)
+    scatter = median_abs_deviation(neighbours, axis=1, scale="normal")
     return np.abs(rest - median) > _LIMIT * (scatter + _FLOOR)
 
 

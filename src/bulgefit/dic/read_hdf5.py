@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.hdf5_apart import Dataset, read_apart
+from bulgefit.dic.hdf5_apart import HDF5_SIGNATURE, Dataset, read_apart
 from bulgefit.dic.keyed_arrays import recording_from
 from bulgefit.dic.registry import Recording, reader
 from bulgefit.dic.units import LENGTH, PRESSURE, PURE, TIME, factor
@@ -25,11 +25,11 @@ _UNITS = {
     "thickness": LENGTH,
     "pressure": PRESSURE,
     "time": TIME,
+    "ellipticity": PURE,
     "poisson_ratio": PURE,
     "frame": PURE,
     "history": PURE,
 }
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @reader(
@@ -43,11 +43,13 @@ def read_hdf5(path: Path) -> Recording:
     A data set without a unit is in mm, MPa or s.
     """
     with open_regular(path) as file:
-        if file.read(len(_SIGNATURE)) != _SIGNATURE:
+        if file.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
             raise InputError(f"{path}: not an HDF5 file, or damaged; copy it again")
-        found, others = read_apart(file, _UNITS, str(path))
-        arrays = {key: _in_own_units(dataset, key, path) for key, dataset in found.items()}
-        arrays.update({key: np.empty(0) for key in others})
+        contents = read_apart(file, _UNITS, str(path))
+        found = contents.datasets
+        # names alone of what else it holds, for the message where something is missing
+        arrays = {key: np.empty(0) for key in contents.names if key not in _UNITS}
+        arrays |= {key: _in_own_units(dataset, key, path) for key, dataset in found.items()}
         recording = recording_from(arrays, checksum_of(file), str(path))
     recording.pressure_unit = _unit(found["pressure"], "pressure")
     return recording

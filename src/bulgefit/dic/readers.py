@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,13 @@ from bulgefit.dic.formats import (
     duodic,
     istra4d,
     matchid,
+    matchid_hdf5,
     vic3d,
     vic3d_mat,
 )
 from bulgefit.dic.formats.plugins import load_plugins
 from bulgefit.dic.formats.source import Place, source_of
+from bulgefit.dic.hdf5_apart import one_helper
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
@@ -33,7 +36,8 @@ __all__ = ["READERS", "Recording", "load_plugins", "read_test", "reader"]
 
 _BUILT_IN = (
     *(csv_folder, read_hdf5, read_npz, read_study),
-    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, aramis, dice, istra4d, duodic, any_table),
+    *(vic3d, vic3d_mat, davis, davis_vc7, matchid, matchid_hdf5, aramis),
+    *(dice, istra4d, duodic, any_table),
 )
 # The study's value, taken where neither the file nor the caller gives one.
 _USUAL_POISSON_RATIO = 0.24
@@ -45,6 +49,7 @@ def read_test(
     format: str | None = None,
     radius: float | None = None,
     thickness: float | None = None,
+    semi_axes: tuple[float, float] | None = None,
     poisson_ratio: float | None = None,
     name: str | None = None,
     crop: float | None = None,
@@ -62,6 +67,8 @@ def read_test(
         One of `READERS`, as `bulgefit formats` lists them; by default it is seen from the files.
     radius, thickness : float, mm, optional
         Override what the file says.
+    semi_axes : (along x, along y), mm, optional
+        Of an elliptic clamp, in the place of its radius.
     poisson_ratio : float, optional
         Overrides what the file says; 0.24 where neither says.
     name : str, optional
@@ -88,10 +95,11 @@ def read_test(
     for line in load_plugins():
         tell(line)
     source = source_of(path)
-    chosen = choose_reader(source, format, options)
     path = source.path
     try:
-        recording = chosen.read(source, **options)
+        with one_helper():
+            chosen = choose_reader(source, format, options)
+            recording = chosen.read(source, **options)
     except OSError as error:
         raise unreadable(path, error) from error
     except MemoryError:
@@ -103,7 +111,7 @@ def read_test(
         check_pressure_unit(pressure, recording.pressure_unit, str(path))
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
-        "radius": _given(radius, recording.radius, "radius", path),
+        **_clamp(radius, semi_axes, recording, path),
         "thickness": _given(thickness, recording.thickness, "thickness", path),
         "poisson_ratio": _usual(poisson_ratio, recording.poisson_ratio),
         "time": recording.time,
@@ -128,6 +136,24 @@ def read_test(
 
 def _silent(line: str) -> None:
     """Say nothing."""
+
+
+def _clamp(
+    radius: float | None,
+    semi_axes: tuple[float, float] | None,
+    recording: Recording,
+    path: Path,
+) -> dict[str, float]:
+    """Radius and ellipticity: what is asked for, else what the file says."""
+    if semi_axes is None:
+        oval = 0.0 if radius is not None else recording.ellipticity or 0.0
+        return {"radius": _given(radius, recording.radius, "radius", path), "ellipticity": oval}
+    if radius is not None:
+        raise InputError("--radius and --semi-axes do not go together: an ellipse has no radius")
+    a, b = semi_axes
+    if not (0 < a < math.inf and 0 < b < math.inf):
+        raise InputError(f"--semi-axes {a:g} {b:g}: give two lengths above 0 mm, along x and y")
+    return {"radius": (a + b) / 2, "ellipticity": (a - b) / (a + b)}
 
 
 def _given(asked: float | None, said: float | None, key: str, path: Path) -> float:

@@ -40,6 +40,8 @@ class Recording:
         Reference and displacement of each frame, given where they do not.
     radius, thickness : float, mm, or None
         None where the file does not say.
+    ellipticity : float or None
+        Of the clamp: its semi-axes over their mean, less 1, + along x.
     poisson_ratio : float or None
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
@@ -66,6 +68,7 @@ class Recording:
     pressure_unit: str = "MPa"
     notes: Sequence[str] = ()
     history: Sequence[str] = ()
+    ellipticity: float | None = None
 
 
 @dataclass(frozen=True)
@@ -220,9 +223,14 @@ def unreadable(path: Path, error: OSError) -> InputError:
 
 
 def file_checksum(*paths: Path) -> str:
-    """SHA-256 of one file's bytes, or of several files' bytes one after the other."""
+    """SHA-256 of one file's bytes, or of several files' names, sizes and bytes.
+
+    A name may tell a pressure, and which row of a log is whose; sizes tell where a file ends.
+    """
     digest = hashlib.sha256()
     for path in paths:
+        if len(paths) > 1:
+            digest.update(f"{path.name}\0{path.stat().st_size}\0".encode(errors="backslashreplace"))
         with path.open("rb") as file:
             while chunk := file.read(1 << 20):
                 digest.update(chunk)

@@ -5,7 +5,7 @@ To first order in c that is (1 - |x|^2/a^2) q + 2 (x . c)/a^2 q, so that on the 
 origin a height that grows along c is left. It is in proportion to q at the rim, which grows as the
 cube root of pressure, where a tilt of the reference stays the same and one of the fixture grows
 with pressure: many frames tell them apart. Likewise a clamp of radius a (1 + d) leaves 2 d q all
-around.
+around, and one of semi-axes a (1 + e) and a (1 - e) leaves 2 e q (x^2 - y^2)/a^2.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.coverage import coverage
 
-__all__ = ["Rim", "rim_of"]
+__all__ = ["Rim", "rim_of", "rim_semi_axes"]
 
 Floats = NDArray[np.floating]
 
@@ -55,6 +55,39 @@ class Rim:
 
 def rim_of(test: BulgeTest) -> Rim | None:
     """The clamp's rim; None where points or frames are too few to tell."""
+    found = _estimates(test, oval=False)
+    if found is None:
+        return None
+    (x, y, growth), (x_error, y_error, growth_error) = found * test.radius
+    return Rim(
+        np.array([x, y]) * test.stretch,
+        np.array([x_error, y_error]) * test.stretch,
+        test.radius + float(growth),
+        float(growth_error),
+    )
+
+
+def rim_semi_axes(test: BulgeTest) -> tuple[Floats, Floats] | None:
+    """Semi-axes along x and y on which the heights fall to zero, and how far they may be off.
+
+    Returns
+    -------
+    semi_axes, error : (2,) arrays, mm
+        None where points or frames are too few to tell.
+    """
+    found = _estimates(test, oval=True)
+    if found is None:
+        return None
+    (growth, oval), (growth_error, oval_error) = found[:, 2:]
+    grown = 1 + np.array([growth + oval, growth - oval])
+    return test.semi_axes * grown, test.semi_axes * (growth_error + oval_error)
+
+
+def _estimates(test: BulgeTest, oval: bool) -> Floats | None:
+    """Centre and growth (and ellipticity) of the rim, over the radius, and how far they are off.
+
+    Rows of (2, 3 or 4); None where points or frames are too few to tell.
+    """
     order = np.argsort(test.pressure, kind="stable")
     at = np.unique(np.linspace(0, test.n_frames - 1, _MOST_FRAMES).astype(int))
     frames = [_heights(test, int(frame)) for frame in order[at]]
@@ -65,36 +98,41 @@ def rim_of(test: BulgeTest) -> Rim | None:
     estimates, errors = [], []
     for degree in _DEGREES:
         left, at_rim = zip(
-            *(_left_at_rim(points, dz, degree) for points, dz in fields), strict=True
+            *(_left_at_rim(points, dz, degree, oval) for points, dz in fields), strict=True
         )
         for moving in (False, True):
             found = _in_proportion(np.array(left), np.array(at_rim), load, moving)
             estimates.append(found[0])
             errors.append(found[1])
     low, high = np.min(estimates, axis=0), np.max(estimates, axis=0)
-    spread = ((high - low) / 2 + _ERRORS * np.max(errors, axis=0)) * test.radius
-    x, y, growth = (low + high) / 2 * test.radius
-    return Rim(np.array([x, y]), spread[:2], test.radius + float(growth), float(spread[2]))
+    return np.stack([(low + high) / 2, (high - low) / 2 + _ERRORS * np.max(errors, axis=0)])
 
 
 def _heights(test: BulgeTest, frame: int) -> tuple[Floats, Floats] | None:
     reference, displacement = test.frame(frame)
     known = np.flatnonzero(np.isfinite(displacement[:, 2]))
-    if len(known) < _FEWEST_POINTS or coverage(reference[known], test.radius)[0] < _FIELD:
+    points = test.on_circle(reference[known])
+    if len(known) < _FEWEST_POINTS or coverage(points, test.radius)[0] < _FIELD:
         return None
-    known = known[:: -(-len(known) // _MOST_POINTS)]
-    return reference[known, :2] / test.radius, displacement[known, 2] / test.radius
+    some = slice(None, None, -(-len(known) // _MOST_POINTS))
+    return points[some] / test.radius, displacement[known[some], 2] / test.radius
 
 
-def _left_at_rim(points: Floats, dz: Floats, degree: int) -> tuple[Floats, float]:
-    """What grows along x and y on the circle, what is left all around, and the mean of q on it."""
+def _left_at_rim(points: Floats, dz: Floats, degree: int, oval: bool) -> tuple[Floats, float]:
+    """What grows along x and y on the circle and is left all around, and the mean of q on it.
+
+    What grows as x^2 - y^2 comes last where `oval` asks for it.
+    """
+    x, y = points.T
     inside = 1 - (points**2).sum(axis=1)
     smooth = _powers(points, degree)
-    basis = np.column_stack([inside[:, None] * smooth, points, np.ones(len(points))])
+    rim = [points, np.ones(len(points)), *([x**2 - y**2] if oval else [])]
+    basis = np.column_stack([inside[:, None] * smooth, *rim])
     found = np.linalg.lstsq(basis, dz, rcond=None)[0]
     angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    return found[-3:], float((_powers(circle, degree) @ found[:-3]).mean())
+    count = smooth.shape[1]
+    return found[count:], float((_powers(circle, degree) @ found[:count]).mean())
 
 
 def _powers(points: Floats, degree: int) -> Floats:

@@ -47,19 +47,23 @@ def rim_motions(test: BulgeTest) -> tuple[Floats, Floats]:
         known = np.isfinite(displacement).all(axis=1)
         if not len(reference):
             continue
-        if known.sum() < _FEWEST_POINTS or coverage(reference[known], test.radius)[0] < _FIELD:
+        if (
+            known.sum() < _FEWEST_POINTS
+            or coverage(test.on_circle(reference[known]), test.radius)[0] < _FIELD
+        ):
             raise InputError(
                 f"{test.source or test.name}: frame {i} has too few points to tell how its rim "
                 "moved; leave --rigid out, or the frame"
             )
         points, moved = reference[known, :2], displacement[known].astype(np.float64)
-        rotation[i], shift[i] = _motion(points / test.radius, moved / test.radius)
+        x, y = test.on_circle(points).T / test.radius
+        inside = 1 - x**2 - y**2
+        rotation[i], shift[i] = _motion(points / test.radius, moved / test.radius, inside)
     return rotation, shift * test.radius
 
 
-def _motion(points: Floats, moved: Floats) -> tuple[Floats, Floats]:
+def _motion(points: Floats, moved: Floats, inside: Floats) -> tuple[Floats, Floats]:
     x, y = points.T
-    inside = 1 - x**2 - y**2
     smooth = [inside * x**i * y**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
     basis = np.column_stack([*smooth, np.ones_like(x), x, y])
     found = np.linalg.lstsq(basis, moved, rcond=None)[0]

@@ -24,6 +24,7 @@ _UNITS = {
     "thickness": "mm",
     "pressure": "MPa",
     "time": "s",
+    "ellipticity": "1",
     "poisson_ratio": "1",
     "frame": "1",
     "history": "1",
@@ -70,6 +71,8 @@ def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
         arrays["reference"] = np.concatenate([reference for reference, _ in frames])
         arrays["displacement"] = np.concatenate([moved for _, moved in frames])
         arrays["frame"] = np.repeat(np.arange(len(frames)), [len(moved) for _, moved in frames])
+    if test.ellipticity:
+        arrays["ellipticity"] = np.float64(test.ellipticity)
     if test.static_displacement is not None:
         arrays["static_displacement"] = test.static_displacement
     if test.time is not None:

@@ -30,6 +30,8 @@ class AxisMisalignment(Effect):
         ),
     )
 
+    turn = "angle"
+
     def material(self, own: Own, cloth: Cloth) -> Cloth:
         """See the class."""
         return replace(cloth, angle=cloth.angle + own["angle"])

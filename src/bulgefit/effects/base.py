@@ -8,11 +8,13 @@ parameters by name. A hook at the nulls must change nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.further import Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
 
@@ -43,12 +45,19 @@ class Effect:
         all parameters.
     shared : bool
         True for what belongs to the cloth: its specimens share it.
+    of_rig : bool
+        True for what belongs to clamp and cameras: tests on the same rig share it.
+    factors : mapping of modulus to parameter
+        What specimens have about the mean of their cloth: parameters that multiply its moduli. An
+        effect with any is in every model of several specimens, in none of one, and no cause.
     needs : tuple of str
         Fields of a test without which it cannot be judged ("time").
     never_separable : str
         Why no test can tell it apart, else "".
-    steady : tuple of str
-        Parameters whose effect is the same in every frame: an offset of every point contains it.
+    told : tuple of Told
+        Further measurements that would tell parameters directly.
+    turn : str
+        Parameter (degree) by which the fabric is turned in the clamp, else "".
     order : int
         Among the effects of its place: lower ones act first.
     """
@@ -60,9 +69,12 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
     shared: ClassVar[bool] = False
+    of_rig: ClassVar[bool] = False
+    factors: ClassVar[Mapping[str, str]] = MappingProxyType({})
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
-    steady: ClassVar[tuple[str, ...]] = ()
+    told: ClassVar[tuple[Told, ...]] = ()
+    turn: ClassVar[str] = ""
     order: ClassVar[int] = 0
 
     # shape
@@ -116,6 +128,10 @@ class Effect:
         none = np.zeros((len(scene.pressure), 3))
         return none, none
 
+    def at_rest(self, own: Own, reference: Floats, radius: float) -> Floats:
+        """Displacement (n, 3) mm that points (n, 3) mm have in the reference image already."""
+        return np.zeros_like(reference)
+
     # what is derived
 
     @classmethod
@@ -134,6 +150,11 @@ class Effect:
         """Values below and above one of a parameter, to take a difference over."""
         step = self.parameter(name).step
         return value - step, value + step
+
+    @property
+    def scatters(self) -> bool:
+        """Whether it is what specimens of a cloth scatter by."""
+        return bool(self.factors)
 
     @property
     def names(self) -> tuple[str, ...]:

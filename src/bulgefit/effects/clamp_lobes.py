@@ -27,6 +27,7 @@ class ClampLobes(Effect):
         reason="screws that are tightened unevenly bend a ring by some tenths of a millimetre",
         step=1e-5,
     )
+    of_rig = True
 
     def outline(self, own: Own, unit: Floats) -> Floats:
         """See the class."""

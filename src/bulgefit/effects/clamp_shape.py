@@ -27,6 +27,7 @@ class ClampShape(Effect):
         reason="an opening turned on a lathe and measured with a rule is right within 1 %",
         step=1e-5,
     )
+    of_rig = True
 
     def outline(self, own: Own, unit: Floats) -> Floats:
         """See the class."""

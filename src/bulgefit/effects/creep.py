@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bulgefit.effects.base import Effect, Own
+from bulgefit.effects.further import Further, Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Load
 
@@ -33,6 +34,11 @@ class Creep(Effect):
     )
     shared = True
     needs = ("time",)
+    # a decade of rest at one pressure tells a per cent of stiffness, the way back three
+    told = (
+        Told(Further.HOLD, ("rate",), 0.01),
+        Told(Further.UNLOADING, ("rate",), 0.0316),
+    )
 
     def load(self, own: Own, load: Load) -> Load:
         """A fabric whose stiffness fell to a share c balances p as the fresh one balances p/c."""

@@ -28,6 +28,7 @@ class DepthScale(Effect):
         reason="a stereo angle that is off by a tenth of a degree",
         step=1e-5,
     )
+    of_rig = True
     order = MOTION + 2
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:

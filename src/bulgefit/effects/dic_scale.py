@@ -28,6 +28,7 @@ class DicScale(Effect):
         reason="a calibration target whose spacing is known within 1 %",
         step=1e-5,
     )
+    of_rig = True
     order = 1
 
     def locate(self, own: Own, seen: Floats, radius: float) -> Floats:

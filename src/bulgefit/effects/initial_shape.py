@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several, stages
+from bulgefit.effects.further import Further, Told
 
 __all__ = ["EFFECT"]
 
@@ -36,6 +37,8 @@ class InitialShape(Effect):
         step=1e-3,
     )
     forms = stages(_NAMES, 1, 3, 6, 10, 14)
+    # a shape measured without pressure is good to some hundredths of a millimetre
+    told = (Told(Further.SHAPE, _NAMES, 0.05),)
 
     def height(self, own: Own, unit: Floats) -> Floats:
         """See the class."""

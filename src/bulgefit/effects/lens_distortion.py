@@ -31,6 +31,7 @@ class LensDistortion(Effect):
         reason="what is left of the distortion of a good lens after calibration",
         step=1e-5,
     )
+    of_rig = True
     order = MOTION + 1
 
     def locate(self, own: Own, seen: Floats, radius: float) -> Floats:

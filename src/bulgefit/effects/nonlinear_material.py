@@ -44,6 +44,7 @@ class NonlinearMaterial(Effect):
                 reason="coatings crack and crimp straightens: slopes change by a half",
                 step=1e-3,
                 start=0.3,
+                origin=-1.0,  # the slope beyond the knee is E(1 + s)
             )
             for name in _KNEES[:2]
         ),

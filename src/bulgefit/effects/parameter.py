@@ -8,6 +8,10 @@ from typing import Literal, NamedTuple
 
 __all__ = ["Key", "Parameter"]
 
+#: Length (mm) below which one that acts through its square steps as if it were that long: at none
+#: at all its derivative is nothing, and a fit would never leave it.
+_LEAST_LENGTH = 0.5
+
 
 class Key(NamedTuple):
     """Whose parameter is it: of which effect ("" for the material) and of which specimen.
@@ -58,6 +62,8 @@ class Parameter:
     coordinate : {"linear", "log", "square"}
         What fits step in: what multiplies a stiffness is more nearly linear in its logarithm, and
         a length that acts through its square in that.
+    origin : float or None
+        Where it would take a stiffness that it multiplies to nothing; None: it multiplies none.
     """
 
     name: str
@@ -70,6 +76,7 @@ class Parameter:
     step: float = 1e-5
     start: float | None = None
     coordinate: Literal["linear", "log", "square"] = "linear"
+    origin: float | None = None
 
     @property
     def begins_at_null(self) -> bool:
@@ -96,3 +103,7 @@ class Parameter:
         but by squares where that is the coordinate.
         """
         return value if self.coordinate == "log" else 1.0
+
+    def by_value(self, value: float) -> float:
+        """∂(what the model differentiates by)/∂value; of squares also from none at all on."""
+        return 2.0 * max(value, _LEAST_LENGTH) if self.coordinate == "square" else 1.0

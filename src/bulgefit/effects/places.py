@@ -45,6 +45,9 @@ class Cloth:
         Relative change of the secant stiffness per unit strain along warp, fill.
     bend, knee : (2,) tuples
         Relative change of the slope beyond the knee strain, along warp, fill.
+    curve : (2, knots) array or None
+        Logarithms of the slope of stress along warp, fill, over that at rest, at the strains
+        `bulgefit.fem.laws.potential.KNOTS`; None: it is the same everywhere.
     thickness : (m, 4) array or None
         Stiffness (thickness) of the Gauss points over the nominal one.
     """
@@ -59,6 +62,7 @@ class Cloth:
     gain: tuple[float, float] = (0.0, 0.0)
     bend: tuple[float, float] = (0.0, 0.0)
     knee: tuple[float, float] = (KNEE, KNEE)
+    curve: Floats | None = None
     thickness: Floats | None = None
 
     def thickened(self, factor: Floats) -> Floats:

@@ -7,6 +7,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several, stages
+from bulgefit.effects.further import Further, Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Scene
 
@@ -55,16 +56,21 @@ class ReferenceState(Effect):
         ),
     )
     forms = stages(_NAMES, 9, 18, 30, 45, 63)
-    steady = _NAMES
+    # a shape measured without pressure shows what the reference image already did, in mm
+    told = (Told(Further.SHAPE, tuple(n for n in _AXIS_MAJOR if n.startswith("z")), 0.05),)
     order = 4
 
     def see(self, own: Own, scene: Scene, moved: Floats) -> Floats:
         """See the class."""
-        coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
-        if not coefficients.any():
+        if not any(own[name] for name in _AXIS_MAJOR):
             return moved
-        state = (coefficients @ reference_modes(scene.reference, scene.radius)).T
+        state = self.at_rest(own, scene.reference, scene.radius)
         return moved - flattened(scene.pressure, own["flattening"])[:, None, None] * state
+
+    def at_rest(self, own: Own, reference: Floats, radius: float) -> Floats:
+        """u_ref (n, 3) mm at points (n, 3) mm."""
+        coefficients = np.array([own[name] for name in _AXIS_MAJOR]).reshape(3, -1)
+        return np.asarray((coefficients @ reference_modes(reference, radius)).T)
 
 
 def reference_modes(reference: Floats, radius: float) -> Floats:

@@ -30,6 +30,7 @@ __all__ = [
     "fields",
     "own_values",
     "parameter_named",
+    "scatter",
 ]
 
 #: Group of entry points by which other packages add effects.
@@ -37,12 +38,27 @@ GROUP = "bulgefit.effects"
 
 Kind = TypeVar("Kind", bound=Effect)
 
-_NO_EFFECTS = ("base", "fields", "parameter", "places", "registry")
+_NO_EFFECTS = ("base", "fields", "further", "parameter", "places", "registry")
 
 
 @cache
 def catalogue() -> dict[str, Effect]:
-    """Every effect by its id, in the order in which they act: by place, then by `order` and id.
+    """Every effect that may be a cause, by its id, in the order in which they act.
+
+    By place, then by `order` and id.
+    """
+    return {name: effect for name, effect in _room().items() if not effect.scatters}
+
+
+@cache
+def scatter() -> dict[str, Effect]:
+    """What specimens of one cloth have about its mean, by its id."""
+    return {name: effect for name, effect in _room().items() if effect.scatters}
+
+
+@cache
+def _room() -> dict[str, Effect]:
+    """Every effect by its id.
 
     Raises
     ------
@@ -73,7 +89,7 @@ def fields() -> dict[str, Field]:
 @cache
 def acting() -> dict[str, Effect]:
     """Effects and fields by id, in the order in which they act."""
-    return _in_order([*catalogue().values(), *fields().values()])
+    return _in_order([*_room().values(), *fields().values()])
 
 
 def _in_order(found: Iterable[Kind]) -> dict[str, Kind]:

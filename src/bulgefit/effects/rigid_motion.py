@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several
+from bulgefit.effects.further import Further, Told
 from bulgefit.effects.places import Scene
 
 __all__ = ["EFFECT"]
@@ -27,9 +28,9 @@ class RigidMotion(Effect):
         *several(
             _TURNS,
             "degree",
-            3.0,
-            prior=0.5,
-            reason="a tripod that is touched turns by tenths of a degree",
+            5.0,
+            prior=1.0,
+            reason="a tripod that is touched turns by tenths of a degree, one set up anew by more",
             step=1e-4,
         ),
         *several(
@@ -42,7 +43,8 @@ class RigidMotion(Effect):
         ),
     )
     forms = (_TURNS, (*_TURNS, *_SHIFTS))
-    steady = _SHIFTS
+    # images at rest show a moved frame directly: 0.005 degree, 0.005 mm
+    told = (Told(Further.AT_REST, (*_TURNS, *_SHIFTS), 0.005),)
 
     def motion(self, own: Own, scene: Scene) -> tuple[Floats, Floats]:
         """The same in every frame."""

@@ -15,6 +15,7 @@ from bulgefit.fem.lanes import LANES
 __all__ = [
     "add_load_change",
     "add_load_stiffness",
+    "add_share",
     "add_stiffness",
     "add_stress",
     "add_to_nodes",
@@ -28,6 +29,8 @@ __all__ = [
     "find_stress_change",
     "gather",
     "gather_reference",
+    "gather_share",
+    "gather_tilt",
     "start_forces",
     "work",
 ]
@@ -130,6 +133,16 @@ def gather_share(share, first, count, part):
         part[c] = share[first + c]
 
 
+@merged
+def gather_tilt(tilts, gains, first, count, g, tilt, gain):
+    """Changes at Gauss point g of `count` cells: slopes (4, 2, lanes), weight (lanes,)."""
+    for c in range(count):
+        gain[c] = gains[first + c, g]
+        for a in range(4):
+            for i in range(2):
+                tilt[a, i, c] = tilts[first + c, g, a, i]
+
+
 @inlined
 def find_load(corners, part, lift):
     """Nodal forces of a unit pressure into lift: the cells' parts of ∫ N_a x,ξ × x,η dξdη.
@@ -209,6 +222,14 @@ def find_stress_change(f, df, at, p):
             f1, f2, u, v = f[i, c], f[3 + i, c], df[i, c], df[3 + i, c]
             p[i, c] = f1 * s11 + f2 * s12 + u * at[1, c] + v * at[3, c]
             p[3 + i, c] = f1 * s12 + f2 * s22 + u * at[3, c] + v * at[2, c]
+
+
+@inlined
+def add_share(p, gain, out):
+    """out += gain P, both (6, lanes), of a Gauss point."""
+    for i in range(6):
+        for c in range(LANES):
+            out[i, c] += gain[c] * p[i, c]
 
 
 @inlined

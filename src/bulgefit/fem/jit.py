@@ -79,7 +79,8 @@ def _announced(load: Callable[..., Any]) -> Callable[..., Any]:
     """Say so where numba finds nothing in its cache and goes on to compile."""
 
     def load_or_announce(*signature: Any) -> Any:
-        found = load(*signature)
+        with _PAUSE:
+            found = load(*signature)
         if found is None:
             _announce()
         return found
@@ -94,28 +95,36 @@ def _announce() -> None:
 
 
 class _Pause(event.Listener):
-    """Collect no garbage while numba compiles.
+    """Collect no garbage while numba compiles, or loads what it compiled.
 
     It makes millions of objects that stay, and looking through them again and again takes an
-    eighth of the time. Compilations nest, and numba's lock lets one thread compile at a time.
+    eighth of the time. Compilations nest, and numba's lock lets one thread compile or load at a
+    time.
     """
 
     def __init__(self) -> None:
         self._depth, self._collecting = 0, False
 
-    def on_start(self, _: event.Event) -> None:
+    def __enter__(self) -> None:
         if self._depth == 0:
             self._collecting = gc.isenabled()
             gc.disable()
         self._depth += 1
 
-    def on_end(self, _: event.Event) -> None:
+    def __exit__(self, *_: object) -> None:
         self._depth -= 1
         if self._depth == 0 and self._collecting:
             gc.enable()
 
+    def on_start(self, _: event.Event) -> None:
+        self.__enter__()
 
-event.register("numba:compile", _Pause())
+    def on_end(self, _: event.Event) -> None:
+        self.__exit__()
+
+
+_PAUSE = _Pause()
+event.register("numba:compile", _PAUSE)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

@@ -23,6 +23,7 @@ import numpy as np
 from bulgefit.fem.cells import (
     add_load_change,
     add_load_stiffness,
+    add_share,
     add_stiffness,
     add_stress,
     add_to_nodes,
@@ -37,6 +38,7 @@ from bulgefit.fem.cells import (
     gather,
     gather_reference,
     gather_share,
+    gather_tilt,
     start_forces,
     work,
 )
@@ -52,7 +54,14 @@ from bulgefit.fem.lanes import (
 )
 from bulgefit.fem.relaxation import respond, stress_sensitivity
 
-__all__ = ["assemble", "assemble_law_changes", "assemble_pressure", "assemble_sensitivity"]
+__all__ = [
+    "assemble",
+    "assemble_law_changes",
+    "assemble_pressure",
+    "assemble_reference_changes",
+    "assemble_sensitivity",
+    "assemble_weight_changes",
+]
 
 
 @compiled
@@ -171,6 +180,131 @@ def assemble(
             add_load_change(load, moves, forces)
             add_to_nodes(forces, cells, first, count, products[k])
     return potential, wrinkled
+
+
+@compiled
+def assemble_reference_changes(
+    x, cells, gradient, weight, q, law, relax, pressure, share, moves, tilts, gains, out
+):
+    """How the out-of-balance force changes with the reference surface, at fixed displacements.
+
+    Positions move along with the surface, so that with G' and w' for the changes of gradient and
+    weight, F' = Σ x'_a ⊗ G_a + x_a ⊗ G'_a and P = F S
+
+        R'_a = Σ w (P' G_a + P G'_a + w'/w P G_a) - p ∂²V/∂x_a∂x_b x'_b.
+
+    Parameters
+    ----------
+    x, cells, gradient, weight, q, law, relax, pressure, share
+        As `assemble` takes them.
+    moves : (k, n, 3) array, mm
+        x'.
+    tilts : (k, m, 4, 4, 2) array, 1/mm
+        G'.
+    gains : (k, m, 4) array
+        w'/w.
+    out : (k, n, 3) array, N
+        Overwritten.
+
+    Returns
+    -------
+    ok : bool
+    """
+    corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
+    lift, part = np.empty((4, 3, LANES)), np.empty(LANES)
+    f, at = np.empty((4, 6, LANES)), np.empty((4, 10, LANES))
+    strain, heavy, plain = np.empty((3, LANES)), np.empty((4, LANES)), np.empty(LANES)
+    p, dp, natural = np.empty((4, 6, LANES)), np.empty((6, LANES)), law.natural(q)
+    corner_moves, tilt, gain = np.empty((4, 3, LANES)), np.empty((4, 2, LANES)), np.empty(LANES)
+    df, turned, load = np.empty((6, LANES)), np.empty((6, LANES)), np.empty((6, 3, LANES))
+    forces = np.empty((4, 3, LANES))
+    out[:] = 0.0
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        gather(x, cells, first, count, corners)
+        gather_reference(gradient, weight, first, count, slopes, heavy)
+        gather_share(share, first, count, part)
+        find_load(corners, part, lift)
+        find_load_blocks(corners, pressure, part, load)
+        for g in range(4):
+            find_deformation(corners, slopes[g], f[g])
+            find_strain(f[g], strain)
+            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at[g], plain)
+            for c in range(count):
+                if plain[c] == 0.0:
+                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
+                    if state < 0:
+                        return False
+                    put_in_lane(at[g], c, heavy[g, c], found)
+            find_stress(f[g], at[g, 1:4], p[g])
+        for k in range(len(out)):
+            gather(moves[k], cells, first, count, corner_moves)
+            start_forces(0.0, lift, forces)
+            for g in range(4):
+                gather_tilt(tilts[k], gains[k], first, count, g, tilt, gain)
+                find_deformation(corner_moves, slopes[g], df)
+                find_deformation(corners, tilt, turned)
+                for i in range(6):
+                    for c in range(LANES):
+                        df[i, c] += turned[i, c]
+                find_stress_change(f[g], df, at[g], dp)
+                add_share(p[g], gain, dp)
+                add_stress(dp, slopes[g], forces)
+                add_stress(p[g], tilt, forces)
+            add_load_change(load, corner_moves, forces)
+            add_to_nodes(forces, cells, first, count, out[k])
+    return True
+
+
+@compiled
+def assemble_weight_changes(x, cells, gradient, weight, q, law, relax, gains, out):
+    """How the out-of-balance force changes with the weights of the Gauss points at fixed positions.
+
+    Parameters
+    ----------
+    gains : (k, m, 4) array
+        Changes of the weights over the weights.
+    out : (k, n, 3) array, N
+        Overwritten.
+
+    Returns
+    -------
+    ok : bool
+    """
+    corners, slopes = np.empty((4, 3, LANES)), np.empty((4, 4, 2, LANES))
+    f, at, p = np.empty((6, LANES)), np.empty((10, LANES)), np.empty((6, LANES))
+    strain, heavy, plain = np.empty((3, LANES)), np.empty((4, LANES)), np.empty(LANES)
+    of_point, forces = np.empty((4, 4, 3, LANES)), np.empty((4, 3, LANES))
+    natural = law.natural(q)
+    out[:] = 0.0
+    for first in range(0, len(cells), LANES):
+        count = min(LANES, len(cells) - first)
+        gather(x, cells, first, count, corners)
+        gather_reference(gradient, weight, first, count, slopes, heavy)
+        of_point[:] = 0.0
+        for g in range(4):
+            find_deformation(corners, slopes[g], f)
+            find_strain(f, strain)
+            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at, plain)
+            for c in range(count):
+                if plain[c] == 0.0:
+                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
+                    if state < 0:
+                        return False
+                    put_in_lane(at, c, heavy[g, c], found)
+            find_stress(f, at[1:4], p)
+            add_stress(p, slopes[g], of_point[g])
+        for k in range(len(out)):
+            forces[:] = 0.0
+            for g in range(4):
+                for c in range(count):
+                    heavy[g, c] = gains[k, first + c, g]
+                for a in range(4):
+                    for i in range(3):
+                        for c in range(LANES):
+                            forces[a, i, c] += heavy[g, c] * of_point[g, a, i, c]
+            add_to_nodes(forces, cells, first, count, out[k])
+    return True
 
 
 @compiled

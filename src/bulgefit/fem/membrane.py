@@ -15,7 +15,9 @@ from bulgefit.fem.kernels import (
     assemble,
     assemble_law_changes,
     assemble_pressure,
+    assemble_reference_changes,
     assemble_sensitivity,
+    assemble_weight_changes,
 )
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.laws.potential import KNOTS, PARAMETERS
@@ -96,6 +98,11 @@ class Fabric:
     knee: tuple[float, float] = (0.01, 0.01)
     curve: Floats | None = None
     compliance: float | None = None
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether stress is proportional to strain, by the law's own measure."""
+        return self.curve is None and not any((*self.gain, *self.bend))
 
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q, as `laws.potential.PARAMETERS` names it.
@@ -359,6 +366,47 @@ class Membrane:
         ok = assemble_law_changes(
             self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
             before, after, LAWS[self.law], self.relaxation, out,
+        )  # fmt: skip
+        if not ok:
+            raise ArithmeticError("sensitivity asked for at a collapsed shape")
+        return self.gather(out)
+
+    def reference_changes(
+        self,
+        displacement: Floats,
+        pressure: float,
+        stiffness: Floats,
+        moves: Floats,
+        tilts: Floats,
+        gains: Floats,
+    ) -> Floats:
+        """Changes of R with the reference surface, at fixed displacement: (k, N) N.
+
+        Parameters
+        ----------
+        moves : (k, n, 3) array, mm
+            How positions change; with the rest zero, the tangent's product.
+        tilts : (k, m, 4, 4, 2) array, 1/mm
+            How the shape gradients change.
+        gains : (k, m, 4) array
+            How the weights change, over the weights.
+        """
+        out = np.empty_like(moves)
+        ok = assemble_reference_changes(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, pressure, self.share,
+            moves, tilts, gains, out,
+        )  # fmt: skip
+        if not ok:
+            raise ArithmeticError("sensitivity asked for at a collapsed shape")
+        return self.gather(out)
+
+    def weight_changes(self, displacement: Floats, stiffness: Floats, gains: Floats) -> Floats:
+        """Changes of R with the weights, of which these are shares (k, m, 4): (k, N) N."""
+        out = np.empty((len(gains), *self.reference.shape))
+        ok = assemble_weight_changes(
+            self.reference + displacement, self.mesh.cells, self.surface.gradient, self.weight,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, gains, out,
         )  # fmt: skip
         if not ok:
             raise ArithmeticError("sensitivity asked for at a collapsed shape")

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from bulgefit.errors import InputError
 
-__all__ = ["DEFAULT_REFINE", "Mesh", "disc", "rectangle"]
+__all__ = ["DEFAULT_REFINE", "Mesh", "disc", "ellipse", "rectangle"]
 
 #: `disc` cells are 57 refine²: 912 cells, 961 nodes.
 DEFAULT_REFINE = 4
@@ -154,6 +154,12 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
         -1, 4
     )
     return Mesh.from_arrays(nodes, np.concatenate([inner, around]))
+
+
+def ellipse(radius: float, ellipticity: float, refine: int = DEFAULT_REFINE) -> Mesh:
+    """`disc` stretched to the semi-axes radius (1 + ellipticity), radius (1 - ellipticity), mm."""
+    circle = disc(radius, refine)
+    return Mesh(circle.nodes * [1.0 + ellipticity, 1.0 - ellipticity], circle.cells)
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float], cells_x: int, cells_y: int) -> Mesh:

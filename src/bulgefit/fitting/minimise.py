@@ -23,15 +23,15 @@ GAUSS_NEWTON = "gauss-newton"
 ROUNDINGS = (1e-1, 1e-2, 1e-3)
 #: Reweightings for each of them.
 ITERATIONS = 12
-#: Fall of a likelihood below which it has converged, however large it is: ε moves parameters by
-#: √(2ε) standard errors at most, here by a hundredth.
-LIKELIHOOD_CHANGE = 5e-5
+#: Part of its standard error by which a step of a likelihood, or of a fit that is polished, may
+#: still promise to move a parameter once it has converged.
+FINELY = 0.01
 #: Part of the objective by which two solves of nearly the same material may differ.
 SOLVER_NOISE = 1e-4
 
-#: Steps in a row that lower the objective by less than `Problem.least_fall`, after which a descent
-#: creeps along a valley in which the data tell no place from another.
-CREEPING = 3
+#: Steps in a row that move no parameter by this part of its error, after which a descent creeps
+#: along a valley in which the data tell no place from another.
+CREEPING, SLOWLY = 3, 0.1
 
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
@@ -70,7 +70,7 @@ class Limits:
 
     evaluations: int = 100
     objective_change: float = 1e-6
-    parameter_change: float = 1e-5
+    parameter_change: float = 1e-7
 
 
 @dataclass(eq=False)
@@ -218,8 +218,8 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         step, expected = model.minimise(radius)
         length = float(np.abs(step).max())
         enough = limits.objective_change * current.value
-        if problem.objective.squared:
-            enough = min(enough, LIKELIHOOD_CHANGE)
+        if problem.objective.squared or problem.all_data:
+            enough = min(enough, problem.fall_by(FINELY, current.value))
         if expected <= enough:
             return Stop.FLAT.value, True
         if length <= limits.parameter_change:
@@ -228,7 +228,7 @@ def _gauss_newton(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         new = recorder.evaluate(trial, derivatives=True)
         ratio = (current.value - recorder.told(new)) / expected
         if ratio > 0.0:
-            slow = current.value - new.value < problem.least_fall(new.value)
+            slow = current.value - new.value < problem.fall_by(SLOWLY, new.value)
             creeping = creeping + 1 if slow else 0
             z, current, in_vain = trial, new, 0
             if creeping == CREEPING:

@@ -33,7 +33,7 @@ from bulgefit.fitting.l1 import Rows, count_and_peaks
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.model.setup import Setup
-from bulgefit.model.virtual_test import virtual_tests
+from bulgefit.model.virtual_test import Sight, virtual_tests
 
 __all__ = ["LIKELIHOOD", "OBJECTIVES", "Look", "Objective", "TestParts", "displacement_weight"]
 
@@ -78,7 +78,7 @@ class TestParts:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Residuals at some points in some frames of one test, with derivatives of the model.
+    """Residuals at some points in some frames of one test, and what the model does there.
 
     Attributes
     ----------
@@ -88,17 +88,42 @@ class Look:
     position : (m, 2) array, mm
     residual : (k, m, 3) array, mm
         Measured minus modelled; NaN where nothing was measured.
-    jacobian : (names, k, m, 3) array
     scale : (k, 3) array
         Weights of the values in the objective.
+    rows : (k,) int array
+        The frames among the block's.
+    sight : Sight or None
+        The model's; None where it does not deform.
     """
 
     test: int
     frames: NDArray[np.intp]
     position: Floats
     residual: Floats
-    jacobian: Floats
     scale: Floats
+    rows: NDArray[np.intp]
+    sight: Sight | None
+
+    def jacobian(self) -> Floats:
+        """Derivatives of the model, (names, k, m, 3)."""
+        if self.sight is None:
+            return np.zeros((0, *self.residual.shape))
+        return self.sight.derivative()[:, self.rows]
+
+    def pull(self, *, squared: bool) -> NDArray[np.float64]:
+        """∂(the objective)/∂(residual), (k, m, 3); 0 where nothing was measured."""
+        seen = np.isfinite(self.residual)
+        left = np.where(seen, self.residual, 0.0)
+        return np.asarray(self.scale[:, None] * (left if squared else np.sign(left)))
+
+    def gathered(self, pull: NDArray[np.float64], group: NDArray[np.intp] | None = None) -> Floats:
+        """Σ pull · jacobian over the points of each group, (names, groups, k)."""
+        assert self.sight is not None
+        whole = pull
+        if len(self.rows) != len(self.sight.displacement):
+            whole = np.zeros(self.sight.displacement.shape)
+            whole[self.rows] = pull
+        return self.sight.gathered(whole, group)[..., self.rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,12 +282,8 @@ class Objective:
         """
         total, slope = 0.0, np.zeros(columns[0].shape[1])
         for look in self.looks(shapes, names):
-            seen = np.isfinite(look.residual)
-            left = np.where(seen, look.residual, 0.0)
-            weight = np.broadcast_to(look.scale[:, None], left.shape)
-            total += float((weight * (0.5 * left**2 if self.squared else np.abs(left))).sum())
-            pull = weight * (left if self.squared else np.sign(left))
-            by_name = look.jacobian.reshape(len(look.jacobian), -1) @ pull.ravel()
+            total += float((look.scale * self._summed(look.residual)).sum())
+            by_name = look.gathered(look.pull(squared=self.squared)).sum(axis=(1, 2))
             slope -= by_name @ columns[look.test]
         return total, slope
 
@@ -276,7 +297,7 @@ class Objective:
         jacobians, residuals, scales = [], [], []
         for look in self.looks(shapes, names, sampled=True):
             seen = np.isfinite(look.residual) & (look.scale != 0.0)[:, None]
-            by_name = np.stack([j[seen] for j in look.jacobian], axis=1)
+            by_name = np.stack([j[seen] for j in look.jacobian()], axis=1)
             jacobians.append(by_name @ columns[look.test])
             residuals.append(look.residual[seen])
             scales.append(np.broadcast_to(look.scale[:, None], seen.shape)[seen])
@@ -360,12 +381,11 @@ class Objective:
         virtual = self.virtual[test]
         measured = view.measured(virtual.test, points)
         position = virtual.test.blocks[view.block].reference[points, :2]
-        if shapes is None:
-            blank = np.zeros((len(names), *measured.shape))
-            return Look(test, view.frames, position, measured, blank, scale)
-        found = virtual.observe(shapes[test], names, view.block, points)
-        jacobian, modelled = found.derivative[:, view.rows], found.displacement[view.rows]
-        return Look(test, view.frames, position, measured - modelled, jacobian, scale)
+        sight = None
+        if shapes is not None:
+            sight = virtual.sight(shapes[test], names, view.block, points)
+            measured = measured - sight.displacement[view.rows]
+        return Look(test, view.frames, position, measured, scale, view.rows, sight)
 
     def _sums(self, test: int, part: _Part, shapes: Sequence[Shapes] | None) -> list[Floats]:
         """Of |r|, or of r²/2, over the points of each view's frames: (k, 3) each."""
@@ -374,10 +394,14 @@ class Objective:
             total = np.zeros((len(view.rows), 3))
             for chunk in _chunks(view.points):
                 left = self._look(test, view, chunk, total, shapes, ()).residual
-                squares = self.squared and part is self._parts[test]
-                total = total + np.nansum(0.5 * left**2 if squares else np.abs(left), axis=1)
+                total = total + self._summed(left)
             found.append(total)
         return found
+
+    def _summed(self, residual: Floats) -> Floats:
+        """Of |r|, or of r²/2, over the points of each frame, (k, 3)."""
+        size = 0.5 * residual**2 if self.squared else np.abs(residual)
+        return np.asarray(np.nansum(size, axis=1))
 
     def _test_parts(
         self, test: int, whole: _Part, apex: _Part, shapes: Sequence[Shapes] | None

@@ -291,13 +291,14 @@ class Problem:
         inflation = float(np.mean([n.inflation if n else 1.0 for n in self.objective.noise()]))
         return value * inflation / self.objective.count
 
-    def least_fall(self, value: float) -> float:
-        """What a tenth of a parameter's standard error changes the objective by at its optimum.
+    def fall_by(self, part: float, value: float) -> float:
+        """What a part of a parameter's standard error changes the objective by at its optimum.
 
         A whole one changes minus the logarithm of a likelihood by a half, and so n ln F of a sum
         of absolute deviations F over n values.
         """
-        return 0.005 if self.objective.squared else 0.005 * value / self.objective.count
+        fall = 0.5 * part**2
+        return fall if self.objective.squared else fall * value / self.objective.count
 
     def worst(self) -> float:
         """The objective of a model that does not deform: worse than any that does."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
 
-__all__ = ["Quality", "Warned", "quality_of"]
+__all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
 Floats = NDArray[np.floating]
 
@@ -28,6 +29,34 @@ AGREE = 1e-3
 _WELL, _ROUGHLY, _HARDLY = 0.05, 0.25, 1.0
 #: Correlations above which two parameters cannot be told apart by a fit.
 _ALIKE = 0.98
+
+
+class Doubt(Enum):
+    """What makes a fit doubtful, in words; its code is the name in small letters."""
+
+    AT_BOUND = (
+        "{name} = {value:.4g} is the bound that it was given, and no result: widen "
+        "--bounds {name}={lower:.4g}:{upper:.4g}, or hold it"
+    )
+    WORSE_THAN_UNDEFORMED = (
+        "the fit is worse than a model that does not deform: look at the units, axes and "
+        "pressures of the test (bulgefit info)"
+    )
+    NO_START_CONVERGED = "no start converged: raise --max-evaluations or --starts"
+    STARTS_DISAGREE = "only one of {starts} starts ended at this optimum: raise --starts"
+    TOO_FEW_POINTS = (
+        "{points} for {parameters} parameters: they cannot all be found; fit the fields "
+        "(--objective e_w), or fewer parameters"
+    )
+    INSEPARABLE = "{first} and {second} cannot be told apart (correlation {by:.3f}): hold one"
+    MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
+    MESH_ERROR_LARGE = (
+        "what is left of the mesh's error is more than a third of the noise: raise --refine"
+    )
+
+    def of(self, **words: str | float) -> Warned:
+        """The doubt about one fit."""
+        return Warned(self.name.lower(), self.value.format(**words))
 
 
 @dataclass(frozen=True)
@@ -223,66 +252,32 @@ def _warnings(
     noise: list[float] | None,
     agreeing: int,
 ) -> list[Warned]:
-    found: list[Warned] = []
     values = problem.values(z)
-    found += [
-        Warned(
-            "at_bound",
-            f"{p.name} = {values[p.name]:.4g} is the bound that it was given, and no result: "
-            f"widen --bounds {p.name}={p.lower:.4g}:{p.upper:.4g}, or hold it",
-        )
+    found = [
+        Doubt.AT_BOUND.of(name=p.name, value=values[p.name], lower=p.lower, upper=p.upper)
         for p, at in zip(problem.free, bounded, strict=True)
         if at
     ]
     if explained < 0.0:
-        found.append(
-            Warned(
-                "worse_than_undeformed",
-                "the fit is worse than a model that does not deform: look at the units, axes and "
-                "pressures of the test (bulgefit info)",
-            )
-        )
+        found.append(Doubt.WORSE_THAN_UNDEFORMED.of())
     if not any(d.converged for d in descents):
-        found.append(
-            Warned("no_start_converged", "no start converged: raise --max-evaluations or --starts")
-        )
+        found.append(Doubt.NO_START_CONVERGED.of())
     elif agreeing == 1 and len(descents) > 1:
-        found.append(
-            Warned(
-                "starts_disagree",
-                f"only one of {len(descents)} starts ended at this optimum: raise --starts",
-            )
-        )
+        found.append(Doubt.STARTS_DISAGREE.of(starts=len(descents)))
     points = _points(problem.objective)
     if problem.size > 1 and points < problem.size:
-        found.append(
-            Warned(
-                "too_few_points",
-                f"{points} point{'s' if points > 1 else ''} for {problem.size} parameters: they "
-                "cannot all be found; fit the fields (--objective e_w), or fewer parameters",
-            )
-        )
-    for (a, b), correlation in errors.correlation.items():
-        if abs(correlation) > _ALIKE:
-            found.append(
-                Warned(
-                    "inseparable",
-                    f"{a} and {b} cannot be told apart (correlation {correlation:.3f}): hold one",
-                )
-            )
+        count = f"{points} point{'s' if points > 1 else ''}"
+        found.append(Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size))
+    found += [
+        Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
+        for (a, b), correlation in errors.correlation.items()
+        if abs(correlation) > _ALIKE
+    ]
     left = errors.mesh_error_mm
     if left is None and problem.objective.setup.corrects_mesh:
-        found.append(
-            Warned("mesh_error_unknown", "the mesh's error could not be found and is in the fit")
-        )
+        found.append(Doubt.MESH_ERROR_UNKNOWN.of())
     elif left is not None and noise is not None and (np.array(left) > np.array(noise) / 3).any():
-        found.append(
-            Warned(
-                "mesh_error_large",
-                "what is left of the mesh's error is more than a third of the noise: raise "
-                "--refine",
-            )
-        )
+        found.append(Doubt.MESH_ERROR_LARGE.of())
     return found
 
 

@@ -24,7 +24,7 @@ from scipy.stats import t as student
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.fitting.objective import SAMPLE, Look
+from bulgefit.fitting.objective import Look
 from bulgefit.fitting.problem import Problem
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import mesh_remainder
@@ -113,10 +113,14 @@ def uncertainty_of(
     _check(stated)
     columns = problem.columns(z)
     sums = _Sums(problem, columns)
-    for look in problem.objective.looks(shapes, problem.names_of_tests()):
-        sums.add(look)
-    value = problem.objective.value(shapes)
-    bread = sums.bread() + problem.pull(value, z)[0]
+    names = problem.names_of_tests()
+    for look in problem.objective.looks(shapes, names, sampled=True):
+        sums.weigh(look)
+    for look in problem.objective.looks(shapes, names):
+        sums.cluster(look)
+    bread = sums.bread()
+    if problem.priors:
+        bread = bread + problem.pull(problem.objective.value(shapes), z)[0]
     free = ~at_bound
     inverse = np.zeros_like(bread)
     scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))
@@ -155,7 +159,10 @@ def _with_deviations(covariance: Floats, deviation: Floats) -> Floats:
 
 
 class _Sums:
-    """A, and the sums of ψ J over clusters."""
+    """A, and the sums of ψ J over clusters.
+
+    A and the medians are means over points, which a sample tells; the sums over clusters are not.
+    """
 
     def __init__(self, problem: Problem, columns: list[Floats]) -> None:
         self.columns, self.squared = columns, problem.objective.squared
@@ -164,58 +171,44 @@ class _Sums:
             max(_LENGTHS * noise.correlation_length if noise else 0.0, _LEAST_CELL * test.radius)
             for noise, test in zip(problem.objective.noise(), self.tests, strict=True)
         ]
-        size = columns[0].shape[1]
+        self._size = columns[0].shape[1]
         self._grams: dict[tuple[int, int], Floats] = {}
         self._residuals: dict[tuple[int, int], list[Floats]] = {}
         self._of_cells: dict[tuple[int, ...], Floats] = {}
         self._of_blocks: dict[tuple[int, ...], Floats] = {}
-        self._size = size
-        # a median needs no more of very many residuals
-        self._every = max(1, problem.objective.count // SAMPLE)
         self._curvatures: dict[tuple[int, int], float] = {}
         self._ranks = [np.argsort(np.argsort(test.pressure)) for test in self.tests]
 
     def jacobian(self, look: Look) -> Floats:
         """By the coordinates, (k, m, 3, free)."""
-        return np.tensordot(look.jacobian, self.columns[look.test], (0, 0))
+        return np.tensordot(look.jacobian(), self.columns[look.test], (0, 0))
 
-    def add(self, look: Look) -> None:
-        """Take some points in."""
+    def weigh(self, look: Look) -> None:
+        """Take some points into A."""
         seen = np.isfinite(look.residual)
-        left = np.where(seen, look.residual, 0.0)
         weight = np.where(seen, look.scale[:, None], 0.0)
         jacobian = self.jacobian(look)
-        pull = weight * (left if self.squared else np.sign(left))
-        score = np.einsum("kmc,kmcp->kmp", pull, jacobian)
         for c in range(3):
             part = jacobian[:, :, c].reshape(-1, self._size)
             gram = part.T @ (part * weight[:, :, c].reshape(-1, 1))
             key = (look.test, c)
             self._grams[key] = self._grams.get(key, 0.0) + gram
-            some = left[:, :, c][seen[:, :, c]][:: self._every]
-            self._residuals.setdefault(key, []).append(some)
-        self._cluster(look, score)
+            self._residuals.setdefault(key, []).append(look.residual[:, :, c][seen[:, :, c]])
 
-    def _cluster(self, look: Look, score: Floats) -> None:
+    def cluster(self, look: Look) -> None:
+        """Take some points into the sums over clusters."""
         test = self.tests[look.test]
-        side = self.lengths[look.test]
-        cell = np.floor(look.position / side).astype(int)
+        cell = np.floor(look.position / self.lengths[look.test]).astype(int)
         angle = np.arctan2(look.position[:, 1], look.position[:, 0]) + np.pi
         sector = np.minimum((angle * _SECTORS / (2 * np.pi)).astype(int), _SECTORS - 1)
         block = self._ranks[look.test][look.frames] * _FRAMES // max(test.n_frames, 1)
-        for group, count in ((cell, None), (sector[:, None], _SECTORS)):
-            places, which = np.unique(group, axis=0, return_inverse=True)
-            which = which.ravel()
-            onto = np.zeros((len(places), score.shape[1]))
-            onto[which, np.arange(len(which))] = 1.0
-            summed = np.einsum("gm,kmp->kgp", onto, score)
-            for k, frame in enumerate(look.frames):
-                for g, name in enumerate(places):
-                    if count is None:
-                        key, into = (look.test, int(frame), *map(int, name)), self._of_cells
-                    else:
-                        key, into = (look.test, int(block[k]), int(name[0])), self._of_blocks
-                    into[key] = into.get(key, 0.0) + summed[k, g]
+        places, which = np.unique(np.column_stack([cell, sector]), axis=0, return_inverse=True)
+        by_name = look.gathered(look.pull(squared=self.squared), which.ravel())
+        summed = np.tensordot(by_name, self.columns[look.test], (0, 0))  # (groups, frames, free)
+        for (x, y, around), rows in zip(places.tolist(), summed, strict=True):
+            for frame, early, row in zip(look.frames.tolist(), block.tolist(), rows, strict=True):
+                _add(self._of_cells, (look.test, frame, x, y), row)
+                _add(self._of_blocks, (look.test, early, around), row)
 
     @property
     def count_of_cells(self) -> int:
@@ -258,6 +251,10 @@ class _Sums:
         curvature = np.array([self.curvature((look.test, c)) for c in range(3)])
         weight = np.where(seen, look.scale[:, None] * curvature, 0.0)
         return np.einsum("kmc,kmcp->p", weight * change, self.jacobian(look))
+
+
+def _add(sums: dict[tuple[int, ...], Floats], key: tuple[int, ...], row: Floats) -> None:
+    sums[key] = sums.get(key, 0.0) + row
 
 
 def _outer(sums: Mapping[tuple[int, ...], Floats]) -> Floats:

@@ -62,7 +62,10 @@ class Data:
     used : (frames, points, 3) bool array
         Measured, and not an outlier.
     inflation : float
-        Factor on variances of means: noise that is correlated in space counts less.
+        Factor on variances of means: noise that is correlated in space counts less, and so do
+        frames that are mixtures of others.
+    mixture : float
+        Its part by the latter: frames over those that are independent.
     persistent : float
         Share of the noise's variance that is the same in every frame.
     mesh : (frames, points, 3) array or None, mm
@@ -79,6 +82,7 @@ class Data:
     persistent: float = 0.0
     mesh: Floats | None = None
     trust: Floats | None = None
+    mixture: float = 1.0
     blocks: Blocks = field(init=False)
 
     def __post_init__(self) -> None:
@@ -100,10 +104,11 @@ class Data:
             specimen,
             self.sigma,
             self.used[:, points],
-            1.0 + (self.inflation - 1.0) / every,
+            self.mixture * (1.0 + (self.inflation / self.mixture - 1.0) / every),
             self.persistent,
             None if self.mesh is None else self.mesh[:, points],
             self.trust,
+            self.mixture,
         )
 
     def afresh(self) -> Data:

@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.problem import Prior
 from bulgefit.fitting.result import describe_tests, versions
-from bulgefit.gap.advise import Advice, advise
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import CATALOGUE, MODULI, chosen_effects
+from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR, chosen_effects
 from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
 from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
-from bulgefit.gap.holdout import HeldOutTest, judge_held_out
+from bulgefit.gap.follow_up.advise import Advice, advise
+from bulgefit.gap.follow_up.holdout import HeldOutTest, judge_held_out
+from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
+from bulgefit.gap.implied_reference import ImpliedReference, implied_references
 from bulgefit.gap.keys import at_edge
-from bulgefit.gap.locate import Mode, azimuthal_modes
-from bulgefit.gap.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
+from bulgefit.gap.law_table import LawTable, law_table
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
@@ -33,17 +37,31 @@ from bulgefit.gap.prepare import (
     settle,
 )
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.separate import Pair, indistinguishable
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes
+from bulgefit.gap.residual.measure import Gap, fitted_gap, held_out_gap, noise_gap, weight_of
+from bulgefit.gap.scatter import Scatter, modulus_errors, of_the_cloth, scatter_of
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
-__all__ = ["VERDICTS", "Cause", "Diagnosis", "diagnose"]
+__all__ = ["Cause", "Diagnosis", "Verdict", "diagnose"]
 
 #: Version of the JSON.
 FORMAT = 2
-#: Verdicts: nothing need be added; the causes are sure; sets of causes; the causes are sure, and
-#: something else is left; nothing is sure.
-VERDICTS = ("none", "named", "ambiguous", "partial", "unknown")
+
+
+class Verdict(StrEnum):
+    """What a diagnosis comes to."""
+
+    #: Nothing need be added.
+    NONE = "none"
+    #: The causes are sure.
+    NAMED = "named"
+    #: Sets of causes.
+    AMBIGUOUS = "ambiguous"
+    #: Causes are sure, and something else is left.
+    PARTIAL = "partial"
+    #: Nothing is sure.
+    UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -97,7 +115,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : {"none", "named", "ambiguous", "partial", "unknown"}
+    verdict : Verdict
     causes : list of Cause
     prepared : list of Prepared
     explanation : Explanation
@@ -107,12 +125,18 @@ class Diagnosis:
         Of the baseline's residual.
     pairs : list of Pair
     advice : list of Advice
+    law : LawTable
+        Of the cloth.
+    scatter : dict of modulus to Scatter
+        Of E1 and E2 over specimens; empty for one.
+    implied : list of ImpliedReference
+        Heights before inflation, test by test.
     skipped : dict of effect to why
     holdout : HeldOutTest or None
         How a specimen that was kept out is met.
     """
 
-    verdict: str
+    verdict: Verdict
     causes: list[Cause]
     prepared: list[Prepared]
     explanation: Explanation
@@ -120,6 +144,9 @@ class Diagnosis:
     modes: list[Mode]
     pairs: list[Pair]
     advice: list[Advice]
+    law: LawTable
+    scatter: dict[str, Scatter]
+    implied: list[ImpliedReference]
     skipped: dict[str, str]
     tests: list[BulgeTest]
     seed: int
@@ -149,11 +176,18 @@ class Diagnosis:
                 ),
             },
             "where": [_cell_dict(c) for c in start.cells if abs(c.significance) > 3.0][:40],
-            "modes": [_mode_dict(m) for m in self.modes if m.growth != "within noise"],
+            "modes": [_mode_dict(m) for m in self.modes if m.growth is not Growth.NONE],
             "parameters": {
                 "baseline": _moduli(self.explanation.baseline),
-                "corrected": _moduli(self.explanation.final),
+                "corrected": {
+                    **_moduli(self.explanation.final),
+                    **({"secant": self.law.secants()} if self.law.bent else {}),
+                },
             },
+            "law": self.law.to_dict(),
+            "scatter": _scatter_dict(self.scatter),
+            "specimens": _specimens(self),
+            "implied_reference": [i.to_dict() for i in self.implied],
             "indistinguishable": [
                 {"effects": list(p.effects), "cosine": p.cosine} for p in self.pairs
             ],
@@ -182,6 +216,7 @@ class Diagnosis:
                     "sigma_mm": p.noise.sigma.tolist(),
                     "correlation_length_mm": p.noise.correlation_length,
                     "effective_points_per_point": 1.0 / p.noise.inflation,
+                    "effective_frames_per_frame": 1.0 / p.data.mixture,
                     "source": p.noise.source,
                 }
                 for p in self.prepared
@@ -207,6 +242,8 @@ def diagnose(
     effects: Iterable[str] | None = None,
     law: str = "hencky",
     thorough: bool = False,
+    same_rig: bool = False,
+    priors: Mapping[str, Prior] | None = None,
     seed: int = 0,
     executor: Executor | None = None,
     workers: int = 1,
@@ -217,7 +254,8 @@ def diagnose(
     Parameters
     ----------
     tests : BulgeTest or sequence of BulgeTest
-        Several are judged together: material effects are shared, all others are each test's own.
+        Several are specimens of one cloth and judged together: they share its law, about which each
+        has factors of its own along warp and fill; all other effects are each test's own.
     holdout : BulgeTest, optional
         A specimen that takes no part: what specimens share comes from the others, its own
         parameters are fitted on every second frame, and it is judged on the rest.
@@ -226,6 +264,10 @@ def diagnose(
     law : {"hencky", "svk"}
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
+    same_rig : bool
+        Several tests share what belongs to clamp and cameras: the clamp's shape, lens and scales.
+    priors : mapping of name to Prior, optional
+        What is believed of E1, E2 and G12 (MPa); default: a decade either way.
     seed : int
         Kept for the record; the search draws nothing at random.
     executor : concurrent.futures.Executor, optional
@@ -241,7 +283,8 @@ def diagnose(
     ------
     InputError
         A test with too few points or frames to judge, or without one of the components; unknown
-        effects; tests that state different Poisson ratios.
+        effects; tests that state different Poisson ratios; priors of other parameters, or that are
+        none.
     SolveError
         The baseline finds no equilibrium.
     """
@@ -259,6 +302,7 @@ def diagnose(
     candidates = [e for e in wanted if e.id not in lacking]
     skipped = lacking
     _same_ratio(given)
+    believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
         prepared = [prepare(test, law, workers) for test in given]
@@ -273,6 +317,8 @@ def diagnose(
             pool,
             say,
             thorough=thorough,
+            same_rig=same_rig,
+            priors=believed,
         )
         baseline = found.baseline
         say("held-out gap")
@@ -287,8 +333,7 @@ def diagnose(
             "noise_floor": noise_gap(data, weight),
         }
         pairs = indistinguishable(found.known)
-        if any(e.never_separable for e in candidates):
-            pairs.insert(0, Pair(("pressure_gain", "stiffness"), 1.0))
+        pairs[:0] = [Pair((e.id, STIFFNESS), 1.0) for e in candidates if e.never_separable]
         causes = _causes(found)
         advice = advise(data, found)
         met, unmet = None, list[str]()
@@ -298,8 +343,7 @@ def diagnose(
                 met = judge_held_out(kept_out, found, weight)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
-            if "creep" in found.groups and kept_out.data.specimen.time is None:
-                unmet.append("the held-out test has no time: it was met without creep")
+            unmet += _lacked(kept_out, found)
     return Diagnosis(
         verdict=_verdict(found),
         causes=causes,
@@ -309,6 +353,9 @@ def diagnose(
         modes=azimuthal_modes(data, baseline),
         pairs=pairs,
         advice=advice,
+        law=law_table(data, found.final),
+        scatter=scatter_of(found.final),
+        implied=implied_references(data, found.final),
         skipped=skipped,
         tests=given,
         seed=seed,
@@ -334,6 +381,31 @@ def _same_ratio(tests: Sequence[BulgeTest]) -> None:
         )
 
 
+def _believed(priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
+    """Centre and standard deviation (MPa) of moduli; InputError for what is no prior of one."""
+    known = [m.name for m in MODULI]
+    for name, prior in priors.items():
+        if name not in known:
+            raise InputError(
+                f"prior: {name} is none of {', '.join(known)}; in a diagnosis effects have priors "
+                "of physical size about their null (docs/diagnosis.md)"
+            )
+        if not (0.0 < prior.mean < np.inf and 0.0 < prior.deviation < np.inf):
+            raise InputError(f"prior of {name}: give a value and a deviation above 0 MPa")
+    return {name: (prior.mean, prior.deviation) for name, prior in priors.items()}
+
+
+def _lacked(kept_out: Prepared, found: Explanation) -> list[str]:
+    """Shared effects that a held-out test was met without, since it lacks what they need."""
+    effects = [CATALOGUE[effect_of(group)] for group in found.groups if not is_field(group)]
+    return [
+        f"the held-out test has no {need}: it was met without {effect.id}"
+        for effect in effects
+        for need in effect.needs
+        if getattr(kept_out.data.specimen.test, need) is None
+    ]
+
+
 def _baseline(prepared: Sequence[Prepared]) -> Regression:
     """Moduli alone; then the mesh's error is taken off and outliers left out, and again."""
     data = [p.data for p in prepared]
@@ -355,13 +427,13 @@ def _few_frames(data: Data) -> Data:
     return Data(specimen, data.sigma, data.used[frames], data.inflation)
 
 
-def _verdict(found: Explanation) -> str:
+def _verdict(found: Explanation) -> Verdict:
     causes = [e for group, e in found.evidence.items() if not is_field(group)]
     if not found.complete:
-        return "partial" if any(e.sure for e in causes) else "unknown"
+        return Verdict.PARTIAL if any(e.sure for e in causes) else Verdict.UNKNOWN
     if not causes:
-        return "none"
-    return "named" if all(e.sure for e in causes) else "ambiguous"
+        return Verdict.NONE
+    return Verdict.NAMED if all(e.sure for e in causes) else Verdict.AMBIGUOUS
 
 
 def _causes(found: Explanation) -> list[Cause]:
@@ -376,13 +448,12 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
     errors = found.final.standard_errors()
     parameters, at_bound = {}, False
     for key in found.groups[group]:
-        name = key.partition(".")[2]
         value = found.final.values[key]
         at_bound |= at_edge(key, value)
-        parameters[name] = {
+        parameters[_own_name(key)] = {
             "value": float(value),
             "stderr": float(errors[key]),
-            "unit": effect.parameter(name.partition("@")[0]).unit,
+            "unit": effect.parameter(key.parameter).unit,
             "pull": evidence.pulls[key],
         }
     share, reduction, bias = None, None, {}
@@ -391,7 +462,8 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         gained = left - found.final.held_out()
         share = float(np.clip(gained / excess, 0.0, 1.0))
         reduction = float(gained / left)
-        bias = {m: without.values[m] / found.final.values[m] - 1.0 for m in MODULI}
+        alone, full = of_the_cloth(without.values), of_the_cloth(found.final.values)
+        bias = {m.name: alone[m] / full[m] - 1.0 for m in MODULI}
     return Cause(
         effect=effect.id,
         specimen=specimen_of(group),
@@ -405,6 +477,11 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         bias_held=without is not None and without.held,
         partial=not found.complete,
     )
+
+
+def _own_name(key: Key) -> str:
+    """The parameter's name, and whose it is, as the JSON has them beside the effect's."""
+    return key.parameter if key.specimen is None else f"{key.parameter}@{key.specimen}"
 
 
 def _left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -422,6 +499,13 @@ def _left_out(prepared: Sequence[Prepared]) -> list[str]:
             out.append(
                 f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
                 "slack and wrinkles; what no model follows there counts as noise"
+            )
+        if p.data.mixture > 1.0:
+            frames = len(p.data.used)
+            out.append(
+                f"{name}: its {frames} frames are linear mixtures of "
+                f"{round(frames / p.data.mixture)} and count as so many; interpolation between "
+                "frames that are far apart is off, which may look like a cause at light pressure"
             )
         if p.strays:
             out.append(
@@ -459,16 +543,42 @@ def _held(found: Explanation) -> list[str]:
 
 
 def _moduli(fit: Regression) -> dict[str, dict[str, Any]]:
-    errors = fit.standard_errors()
+    """Of the cloth, where there are several specimens."""
+    values, errors = of_the_cloth(fit.values), modulus_errors(fit)
     return {
-        m: {
-            "value": float(fit.values[m]),
+        m.name: {
+            "value": float(values[m]),
             "stderr": float(errors[m]),
             "unit": "MPa",
-            "held": fit.held and m == "G12",
+            "held": fit.held and m == SHEAR,
         }
         for m in MODULI
     }
+
+
+def _scatter_dict(found: Mapping[str, Scatter]) -> dict[str, Any] | None:
+    """Of E1 and E2; None for one specimen."""
+    if not found:
+        return None
+    values = {modulus: s.value for modulus, s in found.items()}
+    return {**values, "stderr": {modulus: s.stderr for modulus, s in found.items()}}
+
+
+def _specimens(found: Diagnosis) -> list[dict[str, Any]]:
+    """What each specimen has of its own; nothing for one."""
+    if not found.scatter:
+        return []
+    return [
+        {
+            "test": p.data.specimen.test.name,
+            "factors": {
+                modulus: dict(zip(("value", "stderr"), s.factors[index], strict=True))
+                for modulus, s in found.scatter.items()
+            },
+            "effects": [c.effect for c in found.causes if c.specimen == index],
+        }
+        for index, p in enumerate(found.prepared)
+    ]
 
 
 def _cause_dict(cause: Cause) -> dict[str, Any]:

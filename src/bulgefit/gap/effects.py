@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from bulgefit.effects.registry import catalogue, chosen_effects
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import catalogue, chosen_effects, fields
 
-__all__ = ["CATALOGUE", "FIELD", "FIELD_FORMS", "FLATTENING", "MODULI", "STEADY", "chosen_effects"]
+__all__ = ["CATALOGUE", "CREASES", "MODULI", "OFFSETS", "SHEAR", "chosen_effects"]
 
-MODULI = ("E1", "E2", "G12")
+MODULI = tuple(Key.of(name) for name in ("E1", "E2", "G12"))
+#: The modulus by which fabrics lose their stability.
+SHEAR = MODULI[-1]
 
 CATALOGUE = catalogue()
 
-#: Key of the offset of every measured point.
-FIELD = "reference_state.field"
-FLATTENING = "reference_state.flattening"
-
-#: Keys of further forms with an offset of every measured point in the place of the parameters so
-#: far; tried only once the form before is in the model.
-FIELD_FORMS = {"reference_state": ((FIELD,), (FIELD, FLATTENING))}
-
-#: Parameters that an offset of every point contains.
-STEADY = frozenset(f"{effect.id}.{name}" for effect in CATALOGUE.values() for name in effect.steady)
+#: The field whose offsets of every measured point are no coordinates, and their key.
+(CREASES,) = (field.id for field in fields().values() if field.pointwise)
+OFFSETS = Key(CREASES, "offsets")

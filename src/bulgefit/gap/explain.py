@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Sampled
-from bulgefit.effects.registry import fields
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD, MODULI
-from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
+from bulgefit.gap.effects import CREASES, MODULI
+from bulgefit.gap.evidence.coordinates import (
+    MATERIAL,
+    Coordinates,
+    effect_of,
+    is_field,
+    specimen_of,
+)
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
@@ -24,10 +31,11 @@ from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import group_keys
+from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.structure import Structure, structure
+from bulgefit.gap.residual.structure import Structure, structure
+from bulgefit.parallel.journal import kept
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -36,11 +44,9 @@ __all__ = ["Evidence", "Explanation", "FoundField", "Known", "Step", "explain"]
 Floats = NDArray[np.float64]
 
 #: Where descents start (MPa): a coated fabric with stiff shear, which is stable everywhere.
-START = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
+START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
-#: The field whose offsets are no coordinates.
-CREASES = "reference_field"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +60,14 @@ class Evidence:
         Groups of which one may stand in its place, where it is not sure.
     without : Regression or None
         The rest of the model, refitted; None where nothing balances.
-    pulls : dict of key to float
+    pulls : dict of Key to float
         Distance of each parameter from its null in prior widths.
     """
 
     probability: float
     rivals: tuple[str, ...]
     without: Regression | None
-    pulls: dict[str, float]
+    pulls: dict[Key, float]
 
     @property
     def sure(self) -> bool:
@@ -90,7 +96,7 @@ class Step:
 class Known:
     """Normal matrix of every catalogue effect's coordinates at the final model."""
 
-    keys: tuple[str, ...]
+    keys: tuple[Key, ...]
     hessian: Floats
 
 
@@ -119,7 +125,7 @@ class Explanation:
     baseline: Regression
     final: Regression
     known: Known
-    groups: dict[str, tuple[str, ...]]
+    groups: dict[str, tuple[Key, ...]]
     evidence: dict[str, Evidence]
     others: dict[str, float]
     fields: list[FoundField]
@@ -142,6 +148,8 @@ def explain(
     say: Callable[[str], None] = lambda _: None,
     *,
     thorough: bool = False,
+    same_rig: bool = False,
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Explanation:
     """Free all effects at once, take out what the evidence lets go, and weigh what is left.
 
@@ -161,12 +169,20 @@ def explain(
         Told what is tried.
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
+    same_rig : bool
+        Whether clamp and cameras are the same for all specimens.
+    priors : mapping of modulus to (MPa, MPa), optional
+        Centre and standard deviation that are better known.
     """
     usable = [e for e in effects if not e.never_separable]
-    usable += [f for f in fields().values() if f.parameters]
     whole = [p.data for p in prepared]
+    several = len(whole) > 1
+    # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
+    usable += [f for f in fields().values() if f.parameters and (several or not f.shared)]
+    if several:
+        usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]
-    coordinates = Coordinates.of(usable, nulls)
+    coordinates = Coordinates.of(usable, nulls, priors, same_rig=same_rig)
     layout = Layout.of(coordinates.groups)
     start = np.array(layout.null)
     start[: len(MODULI)] = np.log([START[m] for m in MODULI])
@@ -182,7 +198,7 @@ def explain(
     found = search.best
     say("the best model, by all points")
     weighing = Weighing(whole, coordinates, search.problem.offsets)
-    fit = descend(weighing, layout, found.model, found.x, found.here.near)
+    fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
     tempered = temper(whole, final.predictions, free)
@@ -194,7 +210,7 @@ def explain(
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
     if creased is not None:
         say("the model without offsets")
-        keys[CREASES] = group_keys([FIELD], len(whole))
+        keys[CREASES] = offsets_of_points(len(whole))
         evidence[CREASES] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
         found_fields.append(FoundField(CREASES, _creases(whole, final)))
     return Explanation(
@@ -233,16 +249,17 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return descend(weighing, layout, model, start)
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return descend(weighing, layout, model, other)
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
     return [
-        d.thinned(min(round(d.inflation), len(d.specimen.reference) // LEAST_POINTS)) for d in data
+        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
+        for d in data
     ]
 
 
@@ -373,10 +390,12 @@ def _taken_apart(
     executor: Executor,
 ) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = [name for name, _ in fit.model]
+    names = sorted(name for name, _ in fit.model)
     beside = (weighing, layout, fit.x, fit.here.near)
     creased = weighing.offsets is not None
-    alone = (_refit(beside, freeze({})) or baseline) if creased and names else baseline
+    scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
+    more = creased or bool(scattering)
+    alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
 
     def refitted(models: Sequence[Model]) -> list[Regression | None]:
         some = [model for model in models if model]
@@ -396,9 +415,11 @@ def _taken_apart(
     between = refitted([_less(fit.model, names[k:]) for k in range(1, len(names) - 1)])
     fits = [alone, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
     steps, last = [], alone
-    if creased:
+    if more:
         last = alone if names else final
-        steps.append(Step(CREASES, baseline, last))
+        steps.append(
+            Step(" + ".join([*scattering, *([CREASES] if creased else [])]), baseline, last)
+        )
     for name, after in zip(names, fits[1:], strict=True) if names else ():
         steps.append(Step(name, last, after or last))
         last = after or last
@@ -422,9 +443,9 @@ def _refit(
     return None
 
 
-def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[str, ...]:
+def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:
     part, columns = layout.part(group), layout.columns(model)
-    return tuple(str(coordinates.every[c].key) for c in columns if part.start <= c < part.stop)
+    return tuple(coordinates.every[c].key for c in columns if part.start <= c < part.stop)
 
 
 def _evidence(
@@ -437,7 +458,7 @@ def _evidence(
 ) -> Evidence:
     part = layout.part(group)
     pulls = {
-        str(coordinates.every[c].key): float((fit.x[c] - layout.null[c]) / layout.width[c])
+        coordinates.every[c].key: float((fit.x[c] - layout.null[c]) / layout.width[c])
         for c in layout.columns(fit.model)
         if part.start <= c < part.stop
     }
@@ -464,4 +485,4 @@ def _known(search: Search[Weighing]) -> Known:
     columns = search.layout.columns(search.layout.whole(names))
     around = search.around(search.best).of(columns)
     every = search.problem.coordinates.every
-    return Known(tuple(str(every[c].key) for c in columns), around.hessian)
+    return Known(tuple(every[c].key for c in columns), around.hessian)

@@ -1,140 +1,98 @@
-"""What is a freed parameter called, whose is it, and what may its value be?
+"""Which parameters are freed, whose are they, and what may their values be?
 
-A key is a model parameter's name; where several specimens are judged together, `name@i` is
-specimen i's own. `FIELD` stands for an offset of every measured point: it has no column of
-derivatives, since it is taken off exactly (`bulgefit.gap.normal`).
+A key names a parameter, its effect, and the specimen whose own it is, where several are judged
+together. `OFFSETS` stands for an offset of every measured point: it has no column of derivatives,
+since it is taken off exactly (`bulgefit.gap.normal`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from bulgefit.effects.registry import acting
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.registry import effect_named
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import CATALOGUE, FIELD, MODULI
+from bulgefit.gap.effects import MODULI, OFFSETS
 
 __all__ = [
     "at_edge",
-    "bounds_of",
-    "chain_factor",
+    "by_value",
     "columns_of",
-    "effect_of",
-    "group_keys",
-    "has_field",
-    "is_field",
+    "has_offsets",
+    "is_shared",
     "names_of",
-    "null_of",
-    "own_key",
+    "offsets_of_points",
+    "parameter_of",
     "specimen_values",
     "start_of",
 ]
 
-_MODULUS_BOUNDS = {"E1": (20.0, 3000.0), "E2": (20.0, 3000.0), "G12": (0.5, 1000.0)}
+#: Least and largest modulus (MPa) of what is woven, in the order of `MODULI`.
+_BOUNDS = ((20.0, 3000.0), (20.0, 3000.0), (0.5, 1000.0))
+_MODULI = {
+    key: Parameter(key.name, "MPa", *bounds, null=None, coordinate="log", origin=0.0)
+    for key, bounds in zip(MODULI, _BOUNDS, strict=True)
+}
 
 
-def own_key(name: str, index: int, several: bool) -> str:
-    """The regression's name of a model parameter of specimen `index`."""
-    effect = name.partition(".")[0]
-    shared = name in MODULI or acting()[effect].shared
-    return f"{name}@{index}" if several and not shared else name
+def parameter_of(key: Key) -> Parameter:
+    """The parameter of a key."""
+    return effect_named(key.effect).parameter(key.parameter) if key.effect else _MODULI[key]
 
 
-def group_keys(names: Iterable[str], count: int) -> tuple[str, ...]:
-    """Keys of a group of model parameters over `count` specimens."""
-    keys: dict[str, None] = {}
-    for name in names:
-        for index in range(count):
-            keys[own_key(name, index, count > 1)] = None
-    return tuple(keys)
+def by_value(name: str, values: Mapping[str, float]) -> float:
+    """∂(what the model differentiates by)/∂(a parameter), at the values of a specimen."""
+    return parameter_of(Key.of(name)).by_value(values.get(name, 0.0))
 
 
-def effect_of(key: str) -> str:
-    """Effect that a freed key belongs to, "" for a modulus."""
-    name = key.partition("@")[0].partition(".")[0]
-    return name if name in CATALOGUE else ""
+def is_shared(key: Key) -> bool:
+    """Whether it belongs to the cloth: its specimens share it."""
+    return not key.effect or effect_named(key.effect).shared
 
 
-def is_field(key: str) -> bool:
-    """Whether a key is the offset of every point."""
-    return key.partition("@")[0] == FIELD
+def offsets_of_points(count: int) -> tuple[Key, ...]:
+    """The offsets of so many specimens."""
+    return (OFFSETS,) if count == 1 else tuple(OFFSETS._replace(specimen=i) for i in range(count))
 
 
-def has_field(keys: Iterable[str], index: int) -> bool:
+def has_offsets(keys: Iterable[Key], index: int) -> bool:
     """Whether the offset of every point of specimen `index` is freed."""
-    return any(k == FIELD or k == f"{FIELD}@{index}" for k in keys)
+    return any(_is_offsets(key) and key.specimen in (None, index) for key in keys)
 
 
-def columns_of(keys: Iterable[str]) -> tuple[str, ...]:
+def columns_of(keys: Iterable[Key]) -> tuple[Key, ...]:
     """Keys that have derivatives."""
-    return tuple(k for k in keys if not is_field(k))
+    return tuple(key for key in keys if not _is_offsets(key))
 
 
-def bounds_of(key: str) -> tuple[float, float]:
-    """Plausible range of a freed parameter."""
-    name = key.partition("@")[0]
-    if name in _MODULUS_BOUNDS:
-        return _MODULUS_BOUNDS[name]
-    effect, _, parameter = name.partition(".")
-    found = acting()[effect].parameter(parameter)
-    return found.lower, found.upper
+def _is_offsets(key: Key) -> bool:
+    return key.effect == OFFSETS.effect
 
 
-def at_edge(key: str, value: float) -> bool:
-    """Whether a freed parameter sits at the edge of its plausible range.
-
-    A range that begins at zero begins at the null (but that of nu12), which is no edge.
-    """
-    low, high = bounds_of(key)
-    near = 1e-3 * (high - low)
-    begins_at_null = low == 0.0 and key.partition("@")[0] != "poisson_ratio.nu12"
-    return bool(high - value < near or (value - low < near and not begins_at_null))
+def at_edge(key: Key, value: float) -> bool:
+    """Whether a freed parameter sits at the edge of its plausible range."""
+    parameter = parameter_of(key)
+    near = 1e-3 * (parameter.upper - parameter.lower)
+    low = value - parameter.lower < near and not parameter.begins_at_null
+    return bool(parameter.upper - value < near or low)
 
 
-def start_of(key: str, data: Sequence[Data]) -> float:
-    """Where a fit of a freed parameter starts."""
-    name, _, owner = key.partition("@")
-    if is_field(key):
-        return 1.0
-    if name == "poisson_ratio.nu12":
-        return data[int(owner) if owner else 0].specimen.test.poisson_ratio
-    effect, _, parameter = name.partition(".")
-    found = acting()[effect].parameter(parameter)
-    return found.start if found.start is not None else null_of(key, data)
+def start_of(key: Key, data: Sequence[Data]) -> float:
+    """Where a fit of an effect's freed parameter starts."""
+    parameter = parameter_of(key)
+    if parameter.start is not None:
+        return parameter.start
+    if parameter.null is not None:
+        return parameter.null
+    return data[key.specimen or 0].specimen.nulls()[key.name]
 
 
-def null_of(key: str, data: Sequence[Data]) -> float:
-    """The value at which a parameter's effect is absent."""
-    name, _, owner = key.partition("@")
-    effect, _, parameter = name.partition(".")
-    null = acting()[effect].parameter(parameter).null if effect in acting() else 0.0
-    if null is None:
-        null = data[int(owner) if owner else 0].specimen.nulls()[name]
-    return null
-
-
-def names_of(keys: Sequence[str], index: int, several: bool) -> tuple[list[str], list[int]]:
+def names_of(keys: Sequence[Key], index: int) -> tuple[list[str], list[int]]:
     """Model parameters of specimen `index` among the keys with derivatives, and their columns."""
-    names, places = [], []
-    for place, key in enumerate(columns_of(keys)):
-        name, _, owner = key.partition("@")
-        if not owner or int(owner) == index:
-            names.append(name)
-            places.append(place)
-    return names, places
+    own = [(k.name, c) for c, k in enumerate(columns_of(keys)) if k.specimen in (None, index)]
+    return [name for name, _ in own], [column for _, column in own]
 
 
-def specimen_values(values: Mapping[str, float], index: int) -> dict[str, float]:
+def specimen_values(values: Mapping[Key, float], index: int) -> dict[str, float]:
     """Model parameters of one specimen."""
-    out = {}
-    for key, value in values.items():
-        name, _, owner = key.partition("@")
-        if (not owner or int(owner) == index) and not is_field(key):
-            out[name] = value
-    return out
-
-
-def chain_factor(key: str, values: Mapping[str, float]) -> float:
-    """∂(what the model differentiates by)/∂(the parameter): the window enters as its square."""
-    if key.startswith("dic_smoothing.window"):
-        return 2.0 * max(values.get("dic_smoothing.window", 0.0), 0.5)
-    return 1.0
+    return {key.name: value for key, value in values.items() if key.specimen in (None, index)}

@@ -4,37 +4,27 @@ Near the optimum the model is linear, so leaving data out costs no further solve
 remaining data is the refit without them, and its sum of squares on what was left out is a quadratic
 form as well.
 
-An offset of every point (`FIELD`) is no column. It shows in each frame by the share h that
-pressure has flattened there (mostly all of it), so for given parameters its best value is Σhr/Σh²
-over the point's frames, and h times that is taken off residuals and derivatives alike (variable
-projection; Golub and Pereyra, 1973). A fold that holds frames of a point out takes the offset from
-the point's other frames.
+An offset of every point (`OFFSETS`) is no column. With the trust t in each frame its best value,
+for given parameters, is Σt²r/Σt² over the point's frames, and that is taken off residuals and
+derivatives alike (variable projection; Golub and Pereyra, 1973). A fold that holds frames of a
+point out takes the offset from the point's other frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
-from bulgefit.effects.reference_state import flattened
-from bulgefit.effects.registry import effect_named
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, Data
-from bulgefit.gap.effects import FLATTENING
-from bulgefit.gap.keys import chain_factor, columns_of, has_field, names_of
+from bulgefit.gap.keys import by_value, columns_of, has_offsets, names_of
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = [
-    "NormalEquations",
-    "Quadratic",
-    "normal_equations",
-    "offsets_change",
-    "offsets_of",
-    "shown",
-]
+__all__ = ["NormalEquations", "Quadratic", "normal_equations", "offsets_of", "scales"]
 
 Floats = NDArray[np.float64]
 
@@ -145,23 +135,21 @@ def scales(h: Floats) -> Floats:
 
 
 def normal_equations(
-    data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[str]
+    data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[Key]
 ) -> NormalEquations:
     """Of all specimens by the freed keys; predictions have derivatives by the specimen's own."""
-    size, several = len(columns_of(keys)) + 1, len(data) > 1
+    size = len(columns_of(keys)) + 1
     whole = np.zeros((size, size))
     kept, held = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, size))
     for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
-        names, places = names_of(keys, index, several)
+        names, places = names_of(keys, index)
         weight = d.weight
         rows = np.empty((len(names) + 1, *weight.shape))
         for row, name, derivative in zip(rows[:-1], names, p.derivative, strict=True):
-            np.multiply(derivative, chain_factor(name, p.shapes.values) * weight, out=row)
+            np.multiply(derivative, by_value(name, p.shapes.values) * weight, out=row)
         rows[-1] = d.residual(p)
-        if has_field(keys, index):
-            rows[:-1] += offsets_change(d, p, names) * weight
         here = np.ix_([*places, size - 1], [*places, size - 1])
-        parts = _projected(d, p, rows) if has_field(keys, index) else _plain(d, rows)
+        parts = _projected(d, rows) if has_offsets(keys, index) else _plain(d, rows)
         whole[here] += parts[0]
         for fold in range(FOLDS):
             kept[fold][here] += parts[1][fold]
@@ -189,42 +177,18 @@ def _plain(data: Data, rows: Floats) -> _Parts:
     return whole, whole - held, held
 
 
-def offsets_change(data: Data, prediction: Prediction, names: Sequence[str]) -> Floats:
-    """Derivatives of what offsets of every point show in each frame, (names, frames, points, 3).
-
-    Of the parameters the flattening pressure and what pressure there is change that; at the offsets
-    as they are for a prediction without them.
-    """
-    out = np.zeros((len(names), *prediction.displacement.shape))
-    values = prediction.shapes.values
-    changing = [
-        name
-        for name in names
-        if name == FLATTENING or ("." in name and effect_named(name.split(".")[0]).uses("load"))
-    ]
-    if changing:
-        residual = data.specimen.measured - prediction.displacement
-        offset = offsets_of(residual, data.used, shown(data, prediction))
-        for name in changing:
-            low, high = data.specimen.span(name, values)
-            below, above = (_shown(data, {**values, name: v}) for v in (low, high))
-            slope = (above - below) / (high - low)
-            out[names.index(name)] = slope[:, None, None] * offset
-    return out
-
-
-def _projected(data: Data, prediction: Prediction, rows: Floats) -> _Parts:
+def _projected(data: Data, rows: Floats) -> _Parts:
     """The same with each point's offset over its kept frames taken off.
 
-    With sums S of h times the rows and n of h² over the kept frames of a point, the kept rows lose
+    With sums S of t times the rows and n of t² over the kept frames of a point, the kept rows lose
     SSᵀ/n; the held rows, with sums T and m, lose TSᵀ/n + STᵀ/n - m SSᵀ/n².
     """
     whole, kept, held = _plain(data, rows)
     blocks = data.blocks
     chosen = [blocks.block == block for block in range(FRAME_BLOCKS)]
-    h = shown(data, prediction)
-    sums = np.stack([np.tensordot(h[f], rows[:, f], (0, 1)) for f in chosen])
-    counts = np.stack([np.tensordot(h[f] ** 2, data.used[f], 1) for f in chosen])
+    trust = data.share
+    sums = np.stack([np.tensordot(trust[f], rows[:, f], (0, 1)) for f in chosen])
+    counts = np.stack([np.tensordot(trust[f] ** 2, data.used[f], 1) for f in chosen])
     total, number = sums.sum(axis=0), counts.sum(axis=0)
     before = np.diag(whole)
     whole = whole - _gram(total, total, _fitting(number))
@@ -253,19 +217,10 @@ def _fitting(count: Floats) -> Floats:
     return np.divide(1.0, count, out=np.zeros_like(count), where=count > 0)
 
 
-def shown(data: Data, prediction: Prediction) -> Floats:
-    """Share (frames,) by which an offset of every point shows in each frame."""
-    return _shown(data, prediction.shapes.values)
-
-
-def _shown(data: Data, values: Mapping[str, float]) -> Floats:
-    return flattened(data.specimen.load(values).applied, values.get(FLATTENING, 0.0))
-
-
-def offsets_of(residual: Floats, used: NDArray[np.bool_], share: Floats) -> Floats:
+def offsets_of(residual: Floats, used: NDArray[np.bool_], trust: Floats) -> Floats:
     """Offset (points, 3) of every point that leaves least of a residual (frames, points, 3).
 
-    By the used values, where it shows by `share` (frames,); 0 where there are none.
+    By the used values, with the trust (frames,) in each frame; 0 where there are none.
     """
-    total = np.tensordot(share, np.where(used, residual, 0.0), 1)
-    return total * _fitting(np.tensordot(share**2, used, 1))
+    total = np.tensordot(trust**2, np.where(used, residual, 0.0), 1)
+    return total * _fitting(np.tensordot(trust**2, used, 1))

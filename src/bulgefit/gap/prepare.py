@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
-from bulgefit.dic.noise import Noise, estimate_noise, outliers, rough_part
+from bulgefit.dic.mixtures import independent_frames
+from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers, rough_part
 from bulgefit.errors import InputError
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
@@ -103,7 +104,8 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     noise = estimate_noise(test)
     specimen = Specimen(test, law=law, threads=threads)
     used = np.isfinite(block.displacement)
-    data = Data(specimen, noise.sigma, used, noise.inflation)
+    mixture = len(test.pressure) / independent_frames(test)
+    data = Data(specimen, noise.sigma, used, mixture * noise.inflation, mixture=mixture)
     return Prepared(data, noise, rough_from, np.zeros(3))
 
 
@@ -182,11 +184,12 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
     """Without images at rest, take the noise from the residual: it is smoother than the field."""
     data = prepared.data
     test = data.specimen.test
-    if prepared.noise.source == "static images":
+    if prepared.noise.source is Source.AT_REST:
         return
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     prepared.noise = estimate_noise(test, residual)
-    data.sigma, data.inflation = prepared.noise.sigma, prepared.noise.inflation
+    data.sigma = prepared.noise.sigma
+    data.inflation = data.mixture * prepared.noise.inflation
     data.persistent = prepared.noise.persistent
 
 

@@ -13,18 +13,12 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 from scipy.optimize import lsq_linear
 
+from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import MODULI
-from bulgefit.gap.keys import bounds_of, columns_of, has_field, names_of, specimen_values
-from bulgefit.gap.normal import (
-    NormalEquations,
-    Quadratic,
-    normal_equations,
-    offsets_of,
-    scales,
-    shown,
-)
+from bulgefit.gap.effects import MODULI, SHEAR
+from bulgefit.gap.keys import columns_of, names_of, parameter_of, specimen_values
+from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, scales
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Prediction
 
@@ -38,12 +32,6 @@ MAX_ITERATIONS = 16
 _SETTLED, _SETTLED_SHARE = 0.02, 1e-5
 #: Damping (Marquardt's, on the scaled normal matrix) after a step that failed, and its growth.
 _LEAST_DAMPING, _FIRMER = 1e-3, 6.0
-#: Where what multiplies a stiffness would take it to nothing.
-_ORIGIN_OF_SCALES = {
-    **dict.fromkeys(MODULI, 0.0),
-    "nonlinear_material.s_x": -1.0,
-    "nonlinear_material.s_y": -1.0,
-}
 
 
 @dataclass(eq=False)
@@ -52,9 +40,9 @@ class Regression:
 
     Attributes
     ----------
-    keys : tuple of str
-        Freed parameters; `name@i` is specimen i's own.
-    values : dict
+    keys : tuple of Key
+        Freed parameters, and offsets of points.
+    values : dict of Key to float
         Of every freed parameter.
     normal : NormalEquations
         r measured minus modelled in noise units, by the keys that have derivatives.
@@ -68,8 +56,8 @@ class Regression:
         G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
     """
 
-    keys: tuple[str, ...]
-    values: dict[str, float]
+    keys: tuple[Key, ...]
+    values: dict[Key, float]
     normal: NormalEquations
     predictions: list[Prediction]
     offsets: list[Floats | None]
@@ -78,7 +66,7 @@ class Regression:
     held: bool = False
 
     @property
-    def columns(self) -> tuple[str, ...]:
+    def columns(self) -> tuple[Key, ...]:
         """Keys that have derivatives."""
         return columns_of(self.keys)
 
@@ -103,7 +91,7 @@ class Regression:
         inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-12, hermitian=True)
         return self.inflation * inverse * np.outer(scale, scale)
 
-    def standard_errors(self) -> dict[str, float]:
+    def standard_errors(self) -> dict[Key, float]:
         """Of the parameters with derivatives."""
         return dict(zip(self.columns, np.sqrt(np.diag(self.covariance())), strict=True))
 
@@ -112,7 +100,7 @@ class Regression:
 class _Point:
     """Parameters, what the model predicts by them, and the normal equations there."""
 
-    values: dict[str, float]
+    values: dict[Key, float]
     predictions: list[Prediction]
     normal: NormalEquations
 
@@ -124,8 +112,8 @@ class _Point:
 
 def regress(
     data: Sequence[Data],
-    keys: Sequence[str],
-    start: Mapping[str, float],
+    keys: Sequence[Key],
+    start: Mapping[Key, float],
     near: Sequence[Shapes] | None = None,
     iterations: int = MAX_ITERATIONS,
     known: Sequence[Prediction] | None = None,
@@ -135,8 +123,8 @@ def regress(
     Parameters
     ----------
     data : sequence of Data
-    keys : sequence of str
-        Freed parameters, and offsets of points; without any, the start is only compared.
+    keys : sequence of Key
+        Freed parameters; without any, the start is only compared.
     start : mapping
         Values of the freed and of any held parameter.
     near : sequence of Shapes, optional
@@ -152,46 +140,42 @@ def regress(
         No equilibrium at the start.
     """
     keys = tuple(keys)
-    columns = columns_of(keys)
-    bounds = np.array([bounds_of(key) for key in columns])
+    bounds = np.array([_bounds(key) for key in keys])
     values = dict(start)
-    for key, (low, high) in zip(columns, bounds, strict=True):
+    for key, (low, high) in zip(keys, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
     predictions = list(known) if known is not None else _predict(data, keys, values, near)
     here = _Point(values, predictions, normal_equations(data, predictions, keys))
-    converged = not columns
-    if columns:
+    converged = not keys
+    if keys:
         here, converged = _descended(data, keys, here, bounds, iterations)
-    pairs = list(zip(data, here.predictions, strict=True))
-    offsets = [_offset(d, p, keys, index) for index, (d, p) in enumerate(pairs)]
     return Regression(
         keys,
         here.values,
         here.normal,
-        [_slim(d, p, offset) for (d, p), offset in zip(pairs, offsets, strict=True)],
-        offsets,
+        [Prediction(p.displacement, p.derivative[:0], p.shapes) for p in here.predictions],
+        [None] * len(data),
         float(np.mean([d.inflation for d in data])),
         converged,
-        _is_held(columns, here.values, bounds),
+        _is_held(keys, here.values, bounds),
     )
 
 
 def _descended(
-    data: Sequence[Data], keys: tuple[str, ...], here: _Point, bounds: Floats, iterations: int
+    data: Sequence[Data], keys: tuple[Key, ...], here: _Point, bounds: Floats, iterations: int
 ) -> tuple[_Point, bool]:
     """The lowest point found in so many steps, and whether no step promises to lead lower."""
-    columns = columns_of(keys)
     damping = 0.0
     left: _Point | None = None  # the lowest point, while a step uphill is given one more
     for _ in range(iterations):
-        step = _bounded_step(here.normal.whole, here.values, columns, bounds, damping)
+        step = _bounded_step(here.normal.whole, here.values, keys, bounds, damping)
         expected = here.square - here.normal.whole.at(step)
         beyond_noise = max(here.square - here.normal.count, 0.0)
         if left is None and expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
             return here, True
         there = _stepped(data, keys, here, step)
         lowest = left or here
-        softer = dict(zip(columns, step, strict=True)).get("G12", 0.0) < 0.0
+        softer = dict(zip(keys, step, strict=True)).get(SHEAR, 0.0) < 0.0
         lost = there is not None and _destabilised(lowest.predictions, there.predictions)
         if there is not None and there.square < lowest.square and not lost:
             if left is None and here.square - there.square > 0.5 * expected:
@@ -204,7 +188,7 @@ def _descended(
             here, left = there, here
         else:
             if lost:
-                _hold_shear(bounds, columns, lowest.values)
+                _hold_shear(bounds, keys, lowest.values)
             here, left = lowest, None
             damping = max(_FIRMER * damping, _LEAST_DAMPING)
             if damping > 1e4:
@@ -213,11 +197,10 @@ def _descended(
 
 
 def _stepped(
-    data: Sequence[Data], keys: tuple[str, ...], here: _Point, step: Floats
+    data: Sequence[Data], keys: tuple[Key, ...], here: _Point, step: Floats
 ) -> _Point | None:
     """The point a step ahead; None where nothing balances there."""
-    columns = columns_of(keys)
-    moved = {k: _along(k, here.values[k], s) for k, s in zip(columns, step, strict=True)}
+    moved = {k: _along(k, here.values[k], s) for k, s in zip(keys, step, strict=True)}
     values = {**here.values, **moved}
     try:
         there = _predict(data, keys, values, [p.shapes for p in here.predictions])
@@ -226,57 +209,48 @@ def _stepped(
     return _Point(values, there, normal_equations(data, there, keys))
 
 
-def _along(key: str, value: float, step: float) -> float:
+def _along(key: Key, value: float, step: float) -> float:
     """Where a step leads that is straight in the logarithm of what multiplies a stiffness.
 
     The slope after a knee is E(1 + s): to first order steps keep such products, and in logarithms
     they do so however far they go, along valleys that are bent in E and s.
     """
-    origin = _ORIGIN_OF_SCALES.get(key.partition("@")[0])
+    origin = parameter_of(key).origin
     if origin is None:
         return value + step
     return float(origin + (value - origin) * np.exp(step / (value - origin)))
 
 
-def _step_to(key: str, value: float, target: float) -> float:
+def _step_to(key: Key, value: float, target: float) -> float:
     """The step that leads to a target, as `_along` goes."""
-    origin = _ORIGIN_OF_SCALES.get(key.partition("@")[0])
+    origin = parameter_of(key).origin
     if origin is None:
         return target - value
     return float((value - origin) * np.log((target - origin) / (value - origin)))
-
-
-def _offset(data: Data, prediction: Prediction, keys: Sequence[str], index: int) -> Floats | None:
-    """Of every point (mm), where it is freed."""
-    if not has_field(keys, index):
-        return None
-    residual = data.specimen.measured - prediction.displacement
-    return offsets_of(residual, data.used, shown(data, prediction))
-
-
-def _slim(data: Data, prediction: Prediction, offset: Floats | None) -> Prediction:
-    displacement = prediction.displacement
-    if offset is not None:
-        displacement = displacement + shown(data, prediction)[:, None, None] * offset
-    return Prediction(displacement, prediction.derivative[:0], prediction.shapes)
 
 
 def _relaxed(damping: float) -> float:
     return damping / _FIRMER if damping > _LEAST_DAMPING else 0.0
 
 
-def _hold_shear(bounds: Floats, keys: Sequence[str], values: Mapping[str, float]) -> None:
+def _bounds(key: Key) -> tuple[float, float]:
+    """Plausible range of a freed parameter."""
+    parameter = parameter_of(key)
+    return parameter.lower, parameter.upper
+
+
+def _hold_shear(bounds: Floats, keys: Sequence[Key], values: Mapping[Key, float]) -> None:
     """Let G12 fall no further: soft shear is what stability is lost by."""
-    if "G12" in keys:
-        bounds[keys.index("G12"), 0] = values["G12"]
+    if SHEAR in keys:
+        bounds[keys.index(SHEAR), 0] = values[SHEAR]
 
 
-def _is_held(keys: Sequence[str], values: Mapping[str, float], bounds: Floats) -> bool:
+def _is_held(keys: Sequence[Key], values: Mapping[Key, float], bounds: Floats) -> bool:
     """Whether G12 ended where it was held."""
-    if "G12" not in keys:
+    if SHEAR not in keys:
         return False
-    lowest = bounds[keys.index("G12"), 0]
-    return bool(lowest > bounds_of("G12")[0] and values["G12"] <= lowest * (1.0 + 1e-9))
+    lowest = bounds[keys.index(SHEAR), 0]
+    return bool(lowest > _bounds(SHEAR)[0] and values[SHEAR] <= lowest * (1.0 + 1e-9))
 
 
 def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> bool:
@@ -288,13 +262,13 @@ def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> 
 
 def _predict(
     data: Sequence[Data],
-    keys: Sequence[str],
-    values: Mapping[str, float],
+    keys: Sequence[Key],
+    values: Mapping[Key, float],
     near: Sequence[Shapes] | None,
 ) -> list[Prediction]:
     out = []
     for index, d in enumerate(data):
-        names, _ = names_of(keys, index, len(data) > 1)
+        names, _ = names_of(keys, index)
         out.append(
             d.specimen.predict(
                 specimen_values(values, index), names, None if near is None else near[index]
@@ -305,8 +279,8 @@ def _predict(
 
 def _bounded_step(
     current: Quadratic,
-    values: Mapping[str, float],
-    keys: Sequence[str],
+    values: Mapping[Key, float],
+    keys: Sequence[Key],
     bounds: Floats,
     damping: float,
 ) -> Floats:

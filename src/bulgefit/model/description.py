@@ -24,6 +24,7 @@ __all__ = [
     "Values",
     "active_effects",
     "checked",
+    "cloth_law",
     "describe",
     "null_values",
 ]
@@ -134,6 +135,7 @@ def describe(
     active: Active,
     *,
     slips: bool = False,
+    stretch: Floats | float = 1.0,
 ) -> Description:
     """Fill shape, clamp, material and load by the hooks of the active effects.
 
@@ -147,6 +149,8 @@ def describe(
     slips : bool
         Let the rim move by the least compliance where nothing else makes it: its derivative there
         is that of a clamp that begins to slip.
+    stretch : float or (2,) array
+        The clamp's semi-axes over its radius: effects act on the disc of which it is the image.
 
     Raises
     ------
@@ -154,18 +158,11 @@ def describe(
         Constants that are not admissible.
     """
     load = Load(recorded, time, recorded)
-    unit = mesh.nodes / radius
-    cloth = Cloth(
-        E1=values["E1"],
-        E2=values["E2"],
-        G12=values["G12"],
-        nu12=values["nu12"],
-        points=_gauss_points(mesh) / radius,
-    )
+    unit = mesh.nodes / (radius * stretch)
+    cloth = _cloth(values, active, _gauss_points(mesh) / (radius * stretch))
     outline, height, bent = unit, np.zeros(len(unit)), False
     for effect, own in active:
         load = effect.load(own, load)
-        cloth = effect.material(own, cloth)
         if effect.uses("outline", "height"):
             bent = True
             outline = effect.outline(own, outline)
@@ -179,7 +176,7 @@ def describe(
         compliance = max(compliance or 0.0, LEAST_SLIP)
     if not (np.asarray(load.softening) > 0.0).all():
         raise InputError("the fabric's stiffness falls to nothing within the test")
-    surface = np.column_stack([outline * radius, height]) if bent else None
+    surface = np.column_stack([outline * (radius * stretch), height]) if bent else None
     return Description(
         stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
         angle=float(np.deg2rad(cloth.angle)),
@@ -187,6 +184,36 @@ def describe(
         load=load,
         lift=clamping.lift,
     )
+
+
+def cloth_law(values: Values, nulls: Values) -> tuple[Floats, Fabric]:
+    """Stiffness (4,) MPa and curves of the cloth itself, without what a specimen has of its own.
+
+    Parameters
+    ----------
+    values : mapping
+        With E1, E2, G12 and nu12.
+    nulls : mapping
+        See `null_values`.
+
+    Raises
+    ------
+    InputError
+        Constants that are not admissible.
+    """
+    shared = [(effect, own) for effect, own in active_effects(values, nulls) if effect.shared]
+    cloth = _cloth(values, shared, np.zeros((1, 4, 2)))
+    stiffness = orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12)
+    return stiffness, _fabric(cloth, None, None)
+
+
+def _cloth(values: Values, active: Active, points: Floats) -> Cloth:
+    """The material's place at points (m, 4, 2) of the unit disc."""
+    e1, e2, g12, nu12 = (values[name] for name in CONSTANTS)
+    cloth = Cloth(e1, e2, g12, nu12, points)
+    for effect, own in active:
+        cloth = effect.material(own, cloth)
+    return cloth
 
 
 def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> Fabric:
@@ -197,6 +224,7 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
         gain=(cloth.gain[0] * cloth.E1, cloth.gain[1] * cloth.E2),
         bend=(cloth.bend[0] * cloth.E1, cloth.bend[1] * cloth.E2),
         knee=cloth.knee,
+        curve=cloth.curve,
         compliance=compliance,
     )
 

@@ -19,7 +19,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.model.description import CONSTANTS, Description
@@ -89,6 +89,8 @@ class Inflation:
     Parameters
     ----------
     radius, thickness : float, mm
+    ellipticity : float
+        Semi-axes of the clamp over its radius, less 1, + along x.
     highest : float, MPa
         Pressure up to which paths are traced.
     setup : Setup
@@ -98,14 +100,19 @@ class Inflation:
     thickness: float
     highest: float
     setup: Setup
+    ellipticity: float = 0.0
     mesh: Mesh = field(init=False)
     _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
     _path: tuple[object, Path] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self.mesh = self.setup.mesh or disc(self.radius, self.setup.refine)
-        rim = np.hypot(*self.mesh.nodes[self.mesh.rim].T)
+        self.mesh = self.setup.mesh or ellipse(self.radius, self.ellipticity, self.setup.refine)
+        stretch = np.array([1.0 + self.ellipticity, 1.0 - self.ellipticity])
+        rim = np.hypot(*(self.mesh.nodes[self.mesh.rim] / stretch).T)
         if np.abs(rim / self.radius - 1).max() > 1e-3:
+            if self.ellipticity:
+                a, b = self.radius * stretch
+                raise InputError(f"mesh: its rim is not the clamp's, of semi-axes {a:g}, {b:g} mm")
             raise InputError(
                 f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
                 f"the clamp at {self.radius:g} mm; give a mesh of that disc"
@@ -115,9 +122,10 @@ class Inflation:
 
     @classmethod
     def of(cls, tests: Sequence[BulgeTest], setup: Setup) -> Inflation:
-        """Of tests of one radius and thickness."""
+        """Of tests of one clamp and thickness."""
         highest = max(float(test.pressure.max()) for test in tests)
-        return cls(tests[0].radius, tests[0].thickness, highest, setup)
+        first = tests[0]
+        return cls(first.radius, first.thickness, highest, setup, first.ellipticity)
 
     def __getstate__(self) -> dict[str, object]:
         # what is as soon made as sent is made again
@@ -140,14 +148,15 @@ class Inflation:
         return made
 
     def path(self, given: Description, values: Mapping[str, float], sensitivities: bool) -> Path:
-        """The path of a plain specimen up to the highest pressure of all; the last one is kept."""
-        key = given.law_parameters
+        """The path of a plain specimen up to the highest pressure of all; the last one is kept.
+
+        It is taken again for the very same path alone: one that was traced further, or with
+        sensitivities, differs by the solver's tolerance, and results would tell what came before.
+        """
         high = max(self.highest, float(np.max(given.load.balanced)))
-        if self._path is not None:
-            known, path = self._path
-            fits = path.pressure[-1] >= high * (1 - 1e-12)
-            if known == key and fits and (path.sensitivity is not None or not sensitivities):
-                return path
+        key = given.law_parameters, high, sensitivities
+        if self._path is not None and self._path[0] == key:
+            return self._path[1]
         if self.setup.interpolation == "study":
             above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
             high = float(STUDY_LEVELS[above])
@@ -288,7 +297,11 @@ class Inflation:
 
 
 class _Forces:
-    """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters), differences of R."""
+    """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters) at fixed displacement.
+
+    What a parameter does to law, surface, weights and clamp is a difference of descriptions, made
+    once; what those do to R is differentiated at each balance, for all parameters at once.
+    """
 
     def __init__(
         self,
@@ -302,72 +315,99 @@ class _Forces:
         self._law = [
             name
             for name, change in changes.items()
-            if change.of_law and change.below.law_parameters != change.above.law_parameters
+            if change.below.law_parameters != change.above.law_parameters
         ]
         self._before, self._after = (
             np.array([getattr(changes[name], side).law_parameters for name in self._law])
             for side in ("below", "above")
         )
-        self._others = {
-            name: tuple(inflation.membrane(d) for d in (change.below, change.above))
-            for name, change in changes.items()
-            if not change.of_law
-        }
         self._rates = {name: rate for name, c in changes.items() if (rate := c.rate).any()}
+        self._moved, self._weighed = dict[str, _Moved](), dict[str, Floats]()
+        self._clamped = dict[str, Floats]()
+        for name, change in changes.items():
+            if not change.of_law:
+                self._compare(name, change, inflation)
+        self._tilts = np.array([moved.tilt for moved in self._moved.values()])
+        self._gains = np.array([moved.gain for moved in self._moved.values()])
+        self._weights = np.array(list(self._weighed.values()))
+
+    def _compare(self, name: str, change: Change, inflation: Inflation) -> None:
+        """What a parameter of shape, clamp or thickness changes of the membrane."""
+        ends = (change.below, change.above)
+        below, above = (inflation.membrane(d) for d in ends)
+        gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
+        lifts = any(d.lift is not None for d in ends)
+        if above.surface is not below.surface or lifts:
+            tilt = (above.surface.gradient - below.surface.gradient) / change.span
+            moves = (above.reference - below.reference) / change.span
+            self._moved[name] = _Moved(moves, tilt, gain, lifts)
+        elif gain.any():
+            self._weighed[name] = gain
+        if above.clamp is not None and below.clamp is not None:
+            stiffer = (above.clamp.stiffness - below.clamp.stiffness) / change.span
+            if stiffer.any():
+                self._clamped[name] = stiffer
 
     def fields(self, balance: Equilibrium, frame: int) -> Floats:
         """∂u/∂(each parameter), (parameters, n, 3)."""
         if not self._changes:
             return np.empty((0, *balance.displacement.shape))
-        columns = dict.fromkeys(self._changes, np.zeros(self._membrane.linear.size))
-        lifts: dict[str, Floats] = {}
+        place = {name: number for number, name in enumerate(self._changes)}
+        columns = np.zeros((len(place), self._membrane.linear.size))
         if self._law:
             found = self._membrane.law_changes(balance.displacement, self._before, self._after)
             for name, column in zip(self._law, found, strict=True):
-                columns[name] = column / self._changes[name].span
-        for name, pair in self._others.items():
-            columns[name] = self._difference(name, pair, balance)
-            lift = self._lift(name, frame)
-            if lift is not None:
-                lifts[name] = lift
-                columns[name] = columns[name] + self._by_lift(lift, balance)
+                columns[place[name]] += column / self._changes[name].span
+        lifts = {name: self._lift(name, frame) for name, m in self._moved.items() if m.lifts}
+        if self._moved:
+            moves = np.array([m.moves + lifts.get(n, 0.0) for n, m in self._moved.items()])
+            columns[[place[name] for name in self._moved]] += self._membrane.reference_changes(
+                balance.displacement, balance.pressure, self._stiffness, moves,
+                self._tilts, self._gains,
+            )  # fmt: skip
+        if self._weighed:
+            columns[[place[name] for name in self._weighed]] += self._membrane.weight_changes(
+                balance.displacement, self._stiffness, self._weights
+            )
+        for name, stiffer in self._clamped.items():
+            columns[place[name]] += self._by_clamp(stiffer, balance)
         if self._rates:
             by_pressure = -self._membrane.pressure_force(balance.displacement)
             for name, rate in self._rates.items():
-                columns[name] = columns[name] + rate[frame] * by_pressure
-        right = np.asfortranarray(-np.stack(list(columns.values()), axis=1))
-        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(right).T))
-        for place, name in enumerate(self._changes):
-            if name in lifts:
-                out[place] += lifts[name]
+                columns[place[name]] += rate[frame] * by_pressure
+        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(-columns.T).T))
+        for name, lift in lifts.items():
+            out[place[name]] += lift
         return out
 
-    def _difference(self, name: str, pair: tuple[Membrane, ...], balance: Equilibrium) -> Floats:
-        """∂R/∂(a parameter of shape, clamp or thickness) at fixed displacement, (N,)."""
-        change = self._changes[name]
-        below, above = (
-            m.state(balance.displacement, balance.pressure, d.stiffness, tangent=False).residual
-            for m, d in zip(pair, (change.below, change.above), strict=True)
-        )
-        return np.asarray((above - below) / change.span)
+    def _by_clamp(self, stiffer: Floats, balance: Equilibrium) -> Floats:
+        """Change of R with the stiffness (rim, 2, 2) of the rim's springs."""
+        force = np.zeros_like(self._membrane.reference)
+        moved = balance.displacement[self._rim, :2]
+        force[self._rim, :2] = np.einsum("nij,nj->ni", stiffer, moved)
+        return self._membrane.gather(force)
 
-    def _lift(self, name: str, frame: int) -> Floats | None:
+    def _lift(self, name: str, frame: int) -> Floats:
         """∂(displacement of the rim)/∂(a parameter) as a nodal field (n, 3)."""
         change = self._changes[name]
         below, above = change.below.lift, change.above.lift
-        if below is None and above is None:
-            return None
         by = (0.0 if above is None else above[frame]) - (0.0 if below is None else below[frame])
         out = np.zeros_like(self._membrane.reference)
         out[self._rim, 2] = by / change.span
         return out
 
-    def _by_lift(self, lift: Floats, balance: Equilibrium) -> Floats:
-        """Change of R with a displacement of the rim."""
-        found = self._membrane.tangent_product(
-            balance.displacement, balance.pressure, self._stiffness, lift[None]
-        )
-        return found[0]
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Rates of a parameter's change: positions, shape gradients and weights, and if the rim lifts.
+
+    As `Membrane.reference_changes` takes them.
+    """
+
+    moves: Floats
+    tilt: Floats
+    gain: Floats
+    lifts: bool
 
 
 def _faded(mesh: Mesh) -> Floats:

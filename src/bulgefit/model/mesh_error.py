@@ -54,7 +54,7 @@ def _on_mesh(virtual: VirtualTest, refine: int, shapes: Shapes) -> Floats:
     """Displacements (frames, n, 3) mm of this mesh's nodes as another mesh has them."""
     setup = replace(virtual.setup, refine=refine, correct_mesh=False)
     other = VirtualTest(virtual.test, setup, virtual.threads)
-    here, there = virtual.mesh.nodes, other.mesh.nodes
+    here, there = virtual.circle.nodes, other.circle.nodes
     between = smooth_value(here, there)
     guess = np.stack([between @ one for one in shapes.displacement])
     near = replace(shapes, displacement=guess, derivative={})

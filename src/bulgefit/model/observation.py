@@ -55,6 +55,15 @@ class Operators:
         """Field (frames, n, 3) at the nodes to (frames, points, 3)."""
         return _applied(self.value, nodal)
 
+    def transposed(self, pull: NDArray[np.floating]) -> tuple[NDArray[np.intp], Floats]:
+        """Values (frames, points, 3) back to the nodes that take part: which, (frames, k, 3)."""
+        if isinstance(self.value, np.ndarray):
+            return np.arange(self.value.shape[1]), _applied(self.value.T, pull)
+        nodes, column = np.unique(self.value.indices, return_inverse=True)
+        shape = (self.value.shape[0], len(nodes))
+        own = sparse.csr_array((self.value.data, column, self.value.indptr), shape=shape)
+        return nodes, _applied(own.T, pull)
+
     def slopes(self, nodal: NDArray[np.floating]) -> tuple[Floats, Floats]:
         """Derivatives by x and by y of a nodal field, each (frames, points, 3)."""
         assert self.gradients is not None
@@ -71,7 +80,7 @@ class Operators:
         )
 
 
-def _applied(operator: sparse.csr_array | Floats, nodal: NDArray[np.floating]) -> Floats:
+def _applied(operator: sparse.sparray | Floats, nodal: NDArray[np.floating]) -> Floats:
     frames, n, components = nodal.shape
     flat = np.ascontiguousarray(np.moveaxis(nodal, 1, 0)).reshape(n, frames * components)
     return np.moveaxis((operator @ flat).reshape(-1, frames, components), 0, 1)

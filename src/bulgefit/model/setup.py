@@ -47,7 +47,7 @@ class Setup:
     relaxation: bool = True
     evaluation: str = "smooth"
     interpolation: str = "dense"
-    tolerance: float = 1e-3
+    tolerance: float = 1e-4
     linear_solver: str | None = None
     correct_mesh: bool = True
 

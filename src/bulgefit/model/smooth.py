@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 NEIGHBOURS = 36
 _TERMS = 10  # of a cubic in x and y
-_CHUNK = 4000  # points at a time
+_CHUNK = 500  # points at a time: their systems are 17 kB each
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,8 @@ class _Stencils:
         Of the nodes round it, the node as origin, in units of `scale`.
     scale : (n,) array, mm
     inverse : (n, k + _TERMS, k) array
-        Of the spline's symmetric system, its first columns.
+        Of the spline's symmetric system, its first columns; made where it is first asked for.
+    made : (n,) bool array
     """
 
     tree: KDTree
@@ -62,6 +63,14 @@ class _Stencils:
     place: Floats
     scale: Floats
     inverse: Floats
+    made: NDArray[np.bool_]
+
+    def inverse_of(self, own: NDArray[np.intp]) -> Floats:
+        """`inverse` of nodes (m,)."""
+        missing = np.unique(own[~self.made[own]])
+        self.inverse[missing] = _inverse(self.place[missing])
+        self.made[missing] = True
+        return self.inverse[own]
 
 
 def smooth_field(nodes: Floats, points: Floats) -> SmoothField:
@@ -100,15 +109,19 @@ def _stencils(nodes_bytes: bytes) -> _Stencils:
     scale = distance.max(axis=1)
     place = (nodes[near] - nodes[:, None]) / scale[:, None, None]
     inverse = np.empty((len(nodes), k + _TERMS, k))
-    for first in range(0, len(nodes), _CHUNK):
-        part = slice(first, first + _CHUNK)
-        local = place[part]
-        system = np.zeros((len(local), k + _TERMS, k + _TERMS))
-        system[:, :k, :k] = np.linalg.norm(local[:, :, None] - local[:, None], axis=-1) ** 5
-        system[:, :k, k:] = _cubics(local)[0]
-        system[:, k:, :k] = np.swapaxes(system[:, :k, k:], 1, 2)
-        inverse[part] = np.linalg.inv(system)[:, :, :k]
-    return _Stencils(tree, near, place, scale, inverse)
+    return _Stencils(tree, near, place, scale, inverse, np.zeros(len(nodes), dtype=bool))
+
+
+def _inverse(place: Floats) -> Floats:
+    """First columns of the inverses of the systems of nodes that lie so (m, k, 2) to each other."""
+    k = place.shape[1]
+    x, y = np.moveaxis(place[:, :, None] - place[:, None], -1, 0)
+    square = x * x + y * y
+    system = np.zeros((len(place), k + _TERMS, k + _TERMS))
+    system[:, :k, :k] = square * square * np.sqrt(square)
+    system[:, :k, k:] = _cubics(place)[0]
+    system[:, k:, :k] = np.swapaxes(system[:, :k, k:], 1, 2)
+    return np.asarray(np.linalg.inv(system)[:, :, :k])
 
 
 def _weights(known: _Stencils, own: NDArray[np.intp], offset: Floats, count: int) -> Floats:
@@ -123,7 +136,7 @@ def _weights(known: _Stencils, own: NDArray[np.intp], offset: Floats, count: int
     for row, factor in enumerate((square, 5.0 * x, 5.0 * y)[:count]):
         functions[:, row, :k] = cube * factor
     functions[:, :, k:] = np.moveaxis(_cubics(here)[:count], 0, 1)
-    found = functions @ known.inverse[own]
+    found = functions @ known.inverse_of(own)
     found[:, 1:] /= scale[:, None, None]
     return np.moveaxis(found, 1, 0)
 

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.places import Load, Scene
-from bulgefit.effects.registry import effect_named
+from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.errors import InputError
-from bulgefit.model.camera import Places, place, scene_of, see, see_slope, window_of
+from bulgefit.fem.mesh import Mesh
+from bulgefit.model.camera import Passage, Places, place, scene_of, window_of
 from bulgefit.model.description import (
     CONSTANTS,
     Active,
@@ -39,7 +40,7 @@ from bulgefit.model.observation import Operators, operators
 from bulgefit.model.setup import Setup
 from bulgefit.model.window import Window
 
-__all__ = ["Prediction", "VirtualTest", "virtual_tests"]
+__all__ = ["Prediction", "Sight", "VirtualTest", "virtual_tests"]
 
 Floats = NDArray[np.float64]
 
@@ -76,7 +77,7 @@ class VirtualTest:
     threads : int
         Frames that are balanced side by side; the result does not depend on it.
     inflation : Inflation, optional
-        Shared with tests of the same clamp radius and thickness.
+        Shared with tests of the same clamp and thickness.
 
     Attributes
     ----------
@@ -94,6 +95,8 @@ class VirtualTest:
         self.test, self.setup, self.threads = test, setup or Setup(), threads
         self.inflation = inflation or Inflation.of([test], self.setup)
         self.mesh = self.inflation.mesh
+        # where fields are read: stencils of a mesh that is stretched are no good ones
+        self.circle = Mesh(test.on_circle(self.mesh.nodes), self.mesh.cells)
         self.recorded = np.asarray(test.pressure, dtype=np.float64)
         self.time = None if test.time is None else np.asarray(test.time, np.float64)
         self.correction: Floats | None = None
@@ -136,7 +139,7 @@ class VirtualTest:
             name in CONSTANTS or c.below.law_parameters == c.above.law_parameters
             for name, c in changes.items()
         )
-        straight = not any((*here.fabric.gain, *here.fabric.bend))
+        straight = here.fabric.is_straight
         straight = straight or not any(name in CONSTANTS for name in changes)
         if here.is_plain and constant and same and straight:
             return self.inflation.along_path(here, given, changes)
@@ -168,8 +171,11 @@ class VirtualTest:
 
     def _describe(self, values: Values, *, slips: bool) -> Description:
         active = active_effects(values, self.nulls())
-        mesh, radius = self.mesh, self.test.radius
-        return describe(mesh, radius, self.recorded, self.time, values, active, slips=slips)
+        test = self.test
+        return describe(
+            self.mesh, test.radius, self.recorded, self.time, values, active,
+            slips=slips, stretch=test.stretch,
+        )  # fmt: skip
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
@@ -221,7 +227,17 @@ class VirtualTest:
         points : slice or int array, optional
             Some of the block's points.
         """
-        return _Look(self, shapes, names, block, points).prediction()
+        return self.sight(shapes, names, block, points).prediction()
+
+    def sight(
+        self,
+        shapes: Shapes,
+        names: Sequence[str] = (),
+        block: int = 0,
+        points: slice | NDArray[np.intp] | None = None,
+    ) -> Sight:
+        """As `observe`, with derivatives that are worked out when they are asked for."""
+        return Sight(self, shapes, names, block, points)
 
     def operators_at(
         self, values: Values, active: Active, block: int, *, gradients: bool
@@ -236,28 +252,38 @@ class VirtualTest:
         found = self._operators.get(key)
         if found is None or (gradients and found[0].gradients is None):
             reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
-            places = place(reference, self.test.radius, active)
+            places = self.place(reference, active)
             at = self.test.radius * places.unit
             square = window_of(active)
             if square > 0.0:
                 made = Operators.of(self.window().mean(at, float(np.sqrt(square))))
             else:
-                made = operators(self.mesh, at, self.setup.evaluation, gradients=gradients)
+                made = operators(self.circle, at, self.setup.evaluation, gradients=gradients)
             found = made, places
             if len(self._operators) > _KEPT:
                 self._operators.clear()
             self._operators[key] = found
         return found
 
+    def place(self, reference: Floats, active: Active) -> Places:
+        """Find points seen at `reference` (n, 3) mm on the fabric."""
+        return place(reference, self.test.radius, active, self.test.stretch)
+
     def window(self) -> Window:
         """Means over windows, made when first asked for."""
         if self._window is None:
-            self._window = Window(self.mesh.nodes, self.test.radius)
+            self._window = Window(self.circle.nodes, self.test.radius, self.test.ellipticity)
         return self._window
 
 
-class _Look:
-    """One look of the cameras at shapes: values once, derivatives name by name."""
+class Sight:
+    """One look of the cameras at shapes: values once, derivatives name by name.
+
+    Attributes
+    ----------
+    displacement : (frames, points, 3) array, mm
+        As reported.
+    """
 
     def __init__(
         self,
@@ -285,6 +311,8 @@ class _Look:
         self.field = _of_frames(field, self.frames)
         self.moved = self.operators(self.field)
         self.scene = self._scene(shapes.values, self.active, self.places)
+        self.passage = Passage(self.scene, self.active, self.moved)
+        self.displacement = self.passage.reported()
 
     def _uses(self, name: str, *hooks: str) -> bool:
         return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
@@ -294,17 +322,66 @@ class _Look:
         return scene_of(self.reference, places, applied, self.virtual.test.radius, active)
 
     def prediction(self) -> Prediction:
-        displacement = see(self.scene, self.active, self.moved)
-        rows = np.zeros((len(self.names), *displacement.shape))
-        if self.names:
-            through = see_slope(self.scene, self.active, self.moved)
-            for row, name in zip(rows, self.names, strict=True):
-                change = self._of_fabric(name)
-                if change is not None:
-                    row += through(change)
-                if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
-                    row += self._of_camera(name)
-        return Prediction(displacement, rows, self.shapes)
+        """With every derivative at every point."""
+        return Prediction(self.displacement, self.derivative(), self.shapes)
+
+    def derivative(self) -> Floats:
+        """(names, frames, points, 3), as in `Prediction`."""
+        rows = np.zeros((len(self.names), *self.displacement.shape))
+        for row, name in zip(rows, self.names, strict=True):
+            self._into(row, name)
+        return rows
+
+    def gathered(self, pull: Floats, group: NDArray[np.intp] | None = None) -> Floats:
+        """Σ pull · ∂displacement/∂name over the points of each group, (names, groups, frames).
+
+        What moves with the nodes alone needs no derivative at the points: with A from nodes to
+        points, Σ pull · A v = (Aᵀ pull) · v, one product for all names.
+
+        Parameters
+        ----------
+        pull : (frames, points, 3) array
+        group : (points,) int array, optional
+            Numbers of the groups, all of 0 to the largest; default: one group.
+        """
+        if group is None:
+            group = np.zeros(pull.shape[1], dtype=np.intp)
+        count = int(group.max(initial=-1)) + 1
+        out = np.zeros((len(self.names), count, len(pull)))
+        of_nodes = [self._is_of_nodes(name) for name in self.names]
+        if any(of_nodes):
+            fields = np.stack(
+                [
+                    _of_frames(self.shapes.derivative[name], self.frames)
+                    for name, own in zip(self.names, of_nodes, strict=True)
+                    if own
+                ]
+            )
+            out[of_nodes] = _gathered_by_nodes(self.operators, fields, pull, group, count)
+        for one, name, own in zip(out, self.names, of_nodes, strict=True):
+            if not own:
+                row = np.zeros(self.displacement.shape)
+                self._into(row, name)
+                np.add.at(one, group, np.einsum("kmc,kmc->mk", row, pull))
+        return out
+
+    def _is_of_nodes(self, name: str) -> bool:
+        """Whether what is reported changes as the nodes do, and by nothing else."""
+        hooks = ("see", "motion", "locate", "centre", "outline", "height", "load", "window")
+        return name in self.shapes.derivative and self._is_plain and not self._uses(name, *hooks)
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether the cameras report the fabric's displacement as it is, but for a shift."""
+        return not self.scene.turn.any() and not any(e.uses("see") for e, _ in self.active)
+
+    def _into(self, row: Floats, name: str) -> None:
+        """Add a name's derivative."""
+        change = self._of_fabric(name)
+        if change is not None:
+            row += self.passage.through()(change)
+        if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
+            row += self._of_camera(name)
 
     def _of_fabric(self, name: str) -> Floats | None:
         """Change of the displacement at the points before the cameras' maps."""
@@ -325,9 +402,7 @@ class _Look:
             values = {**self.shapes.values, name: value}
             active = active_effects(values, self.virtual.nulls())
             moves = name in self.moves
-            places = (
-                place(self.reference, self.virtual.test.radius, active) if moves else self.places
-            )
+            places = self.virtual.place(self.reference, active) if moves else self.places
             ends.append((values, active, places))
         return ends, high - low
 
@@ -349,28 +424,42 @@ class _Look:
                 operator = Operators(window.value(points, float(np.sqrt(square))), None)
             else:
                 plain = self.virtual.setup.evaluation
-                operator = operators(self.virtual.mesh, points, plain, gradients=False)
+                operator = operators(self.virtual.circle, points, plain, gradients=False)
             fields.append(operator(self.field))
         return np.asarray((fields[1] - fields[0]) / (ends[1] - ends[0]))
 
     def _of_camera(self, name: str) -> Floats:
         """Change of what is reported at a fixed displacement of the fabric."""
+        elsewhere = ("locate", "centre", "outline", "height", "load")
+        if not self._uses(name, "motion", *elsewhere):
+            return self._of_report(name)
         ends, span = self._ends(name)
         if not self.scene.turn.any() and not self._uses(name, "see", "motion", "locate"):
             depends = any(e.uses("see", "motion") for e, _ in self.active)
             if not depends:
                 return np.zeros(1)
+        scenes = [self._scene(values, active, places) for values, active, places in ends]
+        if not self._uses(name, "see", *elsewhere):
+            return self.passage.of_motion(*scenes) / span
         below, above = (
-            see(self._scene(values, active, places), active, self.moved)
-            for values, active, places in ends
+            Passage(scene, active, self.moved).reported()
+            for scene, (_, active, _) in zip(scenes, ends, strict=True)
         )
         return np.asarray((above - below) / span)
+
+    def _of_report(self, name: str) -> Floats:
+        """The same by a parameter of an effect that changes nothing but what is seen."""
+        values, nulls = self.shapes.values, self.virtual.nulls()
+        effect = effect_named(name.partition(".")[0])
+        low, high = self.virtual.span(name, values)
+        ends = (own_values(effect, {**values, name: value}, nulls) for value in (low, high))
+        return self.passage.of_effect(effect, *ends) / (high - low)
 
 
 def virtual_tests(
     tests: Sequence[BulgeTest], setup: Setup | None = None, threads: int = 1
 ) -> tuple[VirtualTest, ...]:
-    """Virtual twins of several tests; those of one radius and thickness share their paths.
+    """Virtual twins of several tests; those of one clamp and thickness share their paths.
 
     Raises
     ------
@@ -380,19 +469,41 @@ def virtual_tests(
     if not tests:
         raise InputError("no bulge test was given")
     setup = setup or Setup()
-    alike: dict[tuple[float, float], list[BulgeTest]] = {}
+    alike: dict[tuple[float, ...], list[BulgeTest]] = {}
     for test in tests:
-        alike.setdefault((test.radius, test.thickness), []).append(test)
+        alike.setdefault(_clamped(test), []).append(test)
     inflations = {key: Inflation.of(group, setup) for key, group in alike.items()}
-    return tuple(
-        VirtualTest(test, setup, threads, inflations[test.radius, test.thickness]) for test in tests
-    )
+    return tuple(VirtualTest(test, setup, threads, inflations[_clamped(test)]) for test in tests)
+
+
+def _clamped(test: BulgeTest) -> tuple[float, ...]:
+    """What tests have in common whose plain specimens balance alike."""
+    return test.radius, test.ellipticity, test.thickness
 
 
 def _of_fabric(name: str) -> bool:
     """Whether a parameter may change shapes: those of the cameras alone do not."""
     hooks = ("outline", "height", "clamp", "material", "load")
     return name in CONSTANTS or effect_named(name.partition(".")[0]).uses(*hooks)
+
+
+def _gathered_by_nodes(
+    operators: Operators, fields: Floats, pull: Floats, group: NDArray[np.intp], count: int
+) -> Floats:
+    """Σ pull · (fields at the points) over the points of each group, (names, groups, frames).
+
+    Parameters
+    ----------
+    fields : (names, frames, nodes, 3) array
+    """
+    out = np.zeros((len(fields), count, len(pull)))
+    order = np.argsort(group, kind="stable")
+    ends = np.searchsorted(group[order], np.arange(count + 1))
+    for g in range(count):
+        own = order[ends[g] : ends[g + 1]]
+        nodes, nodal = operators.of_points(own).transposed(pull[:, own])
+        out[:, g] = np.einsum("kic,pkic->pk", nodal, fields[:, :, nodes])
+    return out
 
 
 def _some(places: Places, points: slice | NDArray[np.intp]) -> Places:

@@ -24,6 +24,7 @@ from typing import Any
 
 from bulgefit.errors import BulgefitError
 from bulgefit.parallel.cluster import client_of, is_there
+from bulgefit.parallel.journal import Journal, within_a_piece
 from bulgefit.parallel.parcels import sent
 
 __all__ = ["counted", "spread"]
@@ -59,23 +60,46 @@ def spread(
         `sent_once` in it the first time alone.
     items : sequence
     done : callable
-        Told index and result of each item as it is finished, in the caller's thread.
+        Told index and result of each item as it is finished, in the caller's thread; of those that
+        the run's journal has (see `journal`), first.
 
     Raises
     ------
     BulgefitError
         Work was lost with its processes, and could not be done again.
     """
+    with within_a_piece() as journal:
+        return _spread(executor, task, shared, items, done, journal)
+
+
+def _spread(
+    executor: Executor,
+    task: Callable[[Any, Any], Any],
+    shared: Any,
+    items: Sequence[Any],
+    done: Callable[[int, Any], None],
+    journal: Journal | None,
+) -> list[Any]:
     left, found = dict(enumerate(items)), dict[int, Any]()
     count = _counter.get()
     count(0, len(items))
+
+    def take(index: int, result: Any) -> None:
+        found[index] = result
+        del left[index]
+        done(index, result)
+        count(len(found), len(items))
+
+    call = 0 if journal is None else journal.call()
+    for index, result in () if journal is None else journal.known(call):
+        take(index, result)
     for _ in range(ROUNDS):
-        with sent(executor, shared) as handles:
-            for index, result in _results(executor, task, handles, left):
-                found[index] = result
-                del left[index]
-                done(index, result)
-                count(len(found), len(items))
+        if left:
+            with sent(executor, shared) as handles:
+                for index, result in _results(executor, task, handles, left):
+                    if journal is not None:
+                        journal.keep(call, index, result)
+                    take(index, result)
         if not left:
             return [found[index] for index in range(len(items))]
         _renew(executor)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.separate import ALIKE, cosine_matrix
+from bulgefit.gap.follow_up.separate import ALIKE, cosine_matrix
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_words import budget_labels, names_of
 from bulgefit.report.record import Record

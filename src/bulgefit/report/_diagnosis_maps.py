@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.locate import Mode, azimuthal_modes
-from bulgefit.gap.structure import RINGS, SECTORS, Cell, cells_of
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes
+from bulgefit.gap.residual.structure import RINGS, SECTORS, Cell, cells_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
     COMPONENTS,
@@ -163,7 +163,7 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
         limit = SIGNIFICANT * modes[0].noise
         panel.axhspan(-limit, limit, color="0.85", zorder=0)
     for mode, (colour, marker) in zip(modes, MARKERS, strict=False):
-        quiet = mode.growth == "within noise"
+        quiet = mode.growth is Growth.NONE
         panel.plot(
             mode.pressure, mode.amplitude, marker, color=colour, markersize=4, linewidth=1.0,
             markerfacecolor="none" if quiet else colour, linestyle="none" if quiet else "-",

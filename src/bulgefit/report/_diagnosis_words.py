@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from bulgefit.dic.noise import Source
 from bulgefit.effects.registry import catalogue
-from bulgefit.gap.effects import MODULI
+from bulgefit.gap.diagnosis import Verdict
+from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.gap.evidence.probability import SURE
+from bulgefit.gap.follow_up.separate import STIFFNESS
+from bulgefit.gap.residual.locate import Growth
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Block
 from bulgefit.report.record import SIGNIFICANT, Record
@@ -20,10 +24,8 @@ _NAMED = 4
 #: Separation (standard errors) from which two explanations need no further measurement.
 _APART = 10.0
 
+_GROWTH = {growth.value: growth.words for growth in Growth}
 _GAP_COLUMNS = ("dx", "dy", "dz", "e", "e_w", "chi")
-
-#: What to measure for effects that need it.
-_NEEDS = {"time": "Record the time of every frame"}
 
 
 def table(record: Record) -> str:
@@ -158,17 +160,17 @@ def verdict_words(record: Record) -> str:
     """The verdict in a sentence."""
     causes, verdict = record["causes"], record["verdict"]
     named = listed([_called(c) for c in causes])
-    if verdict == "none":
+    if verdict == Verdict.NONE:
         return "The model with its moduli alone is good to the noise; nothing need be added."
-    if verdict == "named":
+    if verdict == Verdict.NAMED:
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
-    if verdict == "ambiguous":
+    if verdict == Verdict.AMBIGUOUS:
         return (
             f"The gap is explained down to the noise by {named}; which of several, this data "
             "cannot tell."
         )
     left = _left(record)
-    if verdict == "partial":
+    if verdict == Verdict.PARTIAL:
         sure = listed([_called(c) for c in causes if c["probability"] >= SURE])
         return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
@@ -176,7 +178,7 @@ def verdict_words(record: Record) -> str:
 
 
 def _unnamed(record: Record) -> bool:
-    return record["verdict"] in ("partial", "unknown")
+    return record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN)
 
 
 def _left(record: Record) -> str:
@@ -214,6 +216,9 @@ def _where(where: Mapping[str, float]) -> str:
         return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
     if "angle_degree" in where:
         return f"{where['angle_degree']:.0f}° from x"
+    if "strain" in where:
+        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
+        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
     return f"{where['pressure_bar']:.3g} bar"
 
 
@@ -293,7 +298,7 @@ def _worth(cause: Mapping[str, Any]) -> Iterator[str]:
         else "On data that was not fitted the others would do as well without it."
     )
     biased = [
-        f"{m} comes out {'at least ' if m == 'G12' and b < 0 and cause['bias_held'] else ''}"
+        f"{m} comes out {'at least ' if m == SHEAR.name and b < 0 and cause['bias_held'] else ''}"
         f"{_percent(abs(b))} too {'high' if b > 0 else 'low'}"
         for m, b in cause["bias_if_omitted"].items()
         if abs(b) >= 0.005
@@ -326,7 +331,7 @@ def _gaps(record: Record) -> list[tuple[str, dict[str, float]]]:
 def moduli_rows(record: Record) -> list[tuple[str, str, str]]:
     """Moduli (MPa) before and after, with their standard errors."""
     fits = [record["parameters"][kind] for kind in ("baseline", "corrected")]
-    return [(m, *(_modulus(fit[m]) for fit in fits)) for m in MODULI]  # type: ignore[misc]
+    return [(m.name, *(_modulus(fit[m.name]) for fit in fits)) for m in MODULI]  # type: ignore[misc]
 
 
 def _modulus(found: Mapping[str, Any]) -> str:
@@ -370,11 +375,11 @@ def _remainder(record: Record) -> list[str]:
         )
     items += _pattern(record, bool(strong), count)
     for index, modes in enumerate(record["report"]["modes"]["final"]):
-        loud = [m for m in modes if m["growth"] != "within noise"]
+        loud = [m for m in modes if m["growth"] != Growth.NONE]
         loud.sort(key=lambda m: -_largest(m) / m["noise_mm"])
         items += [
             f"It looks like {m['component']} m = {m['order']}, up to {_largest(m):.3g} mm, "
-            f"{_growth(m['growth'])}{f' ({names[index]})' if several else ''}."
+            f"{_GROWTH[m['growth']]}{f' ({names[index]})' if several else ''}."
             for m in loud[: max(1, _MOST_MODES // len(names))]
         ]
     return items
@@ -405,15 +410,6 @@ def _largest(mode: Mapping[str, Any]) -> float:
     return float(max(abs(a) for a in mode["amplitude_mm"]))
 
 
-def _growth(growth: str) -> str:
-    return {
-        "constant": "constant in pressure",
-        "p^(1/3)": "growing like the bulge itself, as p^(1/3)",
-        "growing": "growing in proportion to pressure",
-        "mixed": "changing with pressure in no simple way",
-    }[growth]
-
-
 def _cell(cell: Mapping[str, Any], test: str) -> str:
     low, high = cell["band_bar"]
     own = f"{test}, " if test else ""
@@ -422,7 +418,7 @@ def _cell(cell: Mapping[str, Any], test: str) -> str:
 
 def _actions(record: Record) -> list[str]:
     items = [f"{name}: {remedy}." for name, remedy in record["report"]["remedies"].items()]
-    if any(noise["source"] != "static images" for noise in record["noise"]):
+    if any(noise["source"] != Source.AT_REST for noise in record["noise"]):
         items.append(
             "Film some ten images at rest before inflation: the noise had to be judged from the "
             "field itself."
@@ -430,7 +426,8 @@ def _actions(record: Record) -> list[str]:
     for effect in record["skipped"]:
         needs = catalogue()[effect].needs if effect in catalogue() else ()
         items += [
-            f"{_NEEDS[n]}: without it {effect} cannot be tried." for n in needs if n in _NEEDS
+            f"Record the {need} of every frame: without it {effect} cannot be tried."
+            for need in needs
         ]
     return items
 
@@ -472,12 +469,13 @@ def _notes(record: Record) -> list[str]:
                 f"{name}: the mesh's error, {_microns(mesh['taken_off_mm'])} µm, was taken off by "
                 f"Richardson's extrapolation; about {_microns(mesh['left_mm'])} µm are left."
             )
-    items += [
-        f"{effect.id} cannot be told from stiffness by any bulge test: {effect.never_separable}."
-        for effect in catalogue().values()
-        if effect.never_separable
-        and any(effect.id in pair["effects"] for pair in record["indistinguishable"])
-    ]
+    for pair in record["indistinguishable"]:
+        if STIFFNESS in pair["effects"]:
+            effect = catalogue()[pair["effects"][0]]
+            items.append(
+                f"{effect.id} and {STIFFNESS} can never be told apart by a bulge test: "
+                f"{effect.never_separable}."
+            )
     return [*items, *_alike(record)]
 
 

@@ -14,7 +14,18 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.files import atomic_write_bytes, check_output
 
-__all__ = ["FONT", "check_prediction", "figure_target", "point_spacing", "save", "spread"]
+__all__ = [
+    "FONT",
+    "check_prediction",
+    "figure_target",
+    "finished",
+    "frame_index",
+    "label",
+    "panels",
+    "point_spacing",
+    "save",
+    "spread",
+]
 
 #: Font size of text, points.
 FONT = 10
@@ -37,6 +48,44 @@ def save(figure: Any, path: str | os.PathLike[str], force: bool) -> None:
     buffer = io.BytesIO()
     figure.savefig(buffer, format=suffix[1:], dpi=150, metadata=_FORMATS[suffix])
     atomic_write_bytes(path, buffer.getvalue(), force)
+
+
+def panels(
+    path: str | os.PathLike[str] | None, force: bool, size: tuple[float, float], *shape: int
+) -> tuple[Any, Any]:
+    """A figure of a size (inches) and its panels, unless the file cannot be written."""
+    from matplotlib.figure import Figure
+
+    if path is not None:
+        figure_target(path, force)
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(*shape, squeeze=False)
+
+
+def finished(figure: Any, path: str | os.PathLike[str] | None, force: bool) -> Any:
+    """The figure, written where a path is given."""
+    if path is not None:
+        save(figure, path, force)
+    return figure
+
+
+def label(panel: Any, x: str, y: str) -> None:
+    """What the axes show, in the size of all figures, over a pale grid."""
+    panel.set_xlabel(x, fontsize=FONT)
+    panel.set_ylabel(y, fontsize=FONT)
+    panel.tick_params(labelsize=FONT - 1)
+    panel.grid(visible=True, color="0.9")
+    panel.set_axisbelow(True)
+
+
+def frame_index(frame: int, count: int) -> int:
+    """A frame counted from 0, where it may be counted from the end; InputError where none is."""
+    try:
+        return range(count)[frame]
+    except (IndexError, TypeError):
+        raise InputError(
+            f"frame {frame!r}: the test has frames 0 to {count - 1} (-1 is the last)"
+        ) from None
 
 
 def _as_written(figure: Any) -> None:

@@ -6,7 +6,7 @@ it was the first time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,10 +20,10 @@ from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.evidence.coordinates import effect_of, specimen_of
 from bulgefit.gap.explain import Step
 from bulgefit.gap.keys import columns_of
-from bulgefit.gap.locate import Mode, azimuthal_modes
-from bulgefit.gap.measure import fitted_gap, held_out_gap, weight_of
 from bulgefit.gap.regress import Regression
-from bulgefit.gap.structure import Cell, cells_of
+from bulgefit.gap.residual.locate import Mode, azimuthal_modes
+from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, weight_of
+from bulgefit.gap.residual.structure import Cell, cells_of
 from bulgefit.report._diagnosis_parts import residual_of
 
 __all__ = ["SIGNIFICANT", "Record", "budget_of", "checked_record", "record_of"]
@@ -37,7 +37,8 @@ SIGNIFICANT = 3.0
 def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as JSON types, with `report`: what its pictures and words need beside.
 
-    `report` has `tests` (as a fit describes them, with the pressures in bar that were judged),
+    `report` has `tests` (as a fit describes them, with the pressures in bar that were judged and
+    the trust in those frames),
     `candidates` (effects that were weighed), `values` of all freed parameters before and after
     (`effect.parameter@i` is test i's own), `budget` (e_w in mm from the moduli alone over each
     effect), by test `cells` and `modes` of the residual before and after and `mesh`, and
@@ -51,7 +52,11 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
         **diagnosis.to_dict(),
         "report": {
             "tests": [
-                {**described, "judged_bar": (10.0 * d.specimen.recorded).tolist()}
+                {
+                    **described,
+                    "judged_bar": (10.0 * d.specimen.recorded).tolist(),
+                    "trust": d.share.tolist(),
+                }
                 for described, d in zip(describe_tests(diagnosis.tests), data, strict=True)
             ],
             "candidates": _candidates(diagnosis),
@@ -92,12 +97,12 @@ def checked_record(content: Mapping[str, Any], where: str) -> Record:
 
 def _candidates(diagnosis: Diagnosis) -> list[str]:
     """Effects that were weighed, in the catalogue or with no name but a place."""
-    weighed = [key.partition("@")[0].partition(".")[0] for key in diagnosis.explanation.known.keys]
+    weighed = [key.effect for key in diagnosis.explanation.known.keys]
     return [effect for effect in dict.fromkeys(weighed) if effect in acting()]
 
 
 def _values(fit: Regression) -> dict[str, float]:
-    return {key: float(value) for key, value in fit.values.items()}
+    return {str(key): float(value) for key, value in fit.values.items()}
 
 
 def _mesh_error(data: Sequence[Data]) -> float | None:
@@ -145,15 +150,10 @@ def _budget_row(step: Step, fitted: float, held: float) -> dict[str, Any]:
     return {
         "effect": effect_of(step.group),
         "specimen": specimen_of(step.group),
-        "parameters": _names(own),
+        "parameters": [key.parameter for key in own],
         "fitted_mm": fitted,
         "heldout_mm": held,
     }
-
-
-def _names(keys: Iterable[str]) -> list[str]:
-    """Parameters by their own names."""
-    return [key.partition("@")[0].partition(".")[2] for key in keys]
 
 
 def _cells(data: Sequence[Data], fit: Regression) -> list[list[dict[str, Any]]]:

@@ -59,6 +59,7 @@ def run_trial(
     options: Mapping[str, Any] | None = None,
     makers: Executor | None = None,
     executor: Executor | None = None,
+    resume: bool = False,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Make tests, seal their truth, diagnose them blind, open and score.
@@ -87,6 +88,8 @@ def run_trial(
     makers, executor : Executor, optional
         Where tests are made, and where they are diagnosed. Default: fresh processes each, so that
         no process that diagnoses has known a truth. Workers on other machines must share `output`.
+    resume : bool
+        The folder may hold what the same trial had written when it was interrupted.
     say : callable
         Told about the progress, line by line.
 
@@ -102,7 +105,6 @@ def run_trial(
     """
     start = time.perf_counter()
     chosen = plan(number, seed, kinds)
-    folder = _folder(output)
     recipe = recipe or Recipe()
     asked = {
         "number": number,
@@ -111,7 +113,8 @@ def run_trial(
         "strike": strike,
         "shrink": recipe.shrink,
     }
-    atomic_write_text(folder / "trial.json", json.dumps(asked, indent=2) + "\n")
+    folder = _folder(output, asked if resume else None)
+    atomic_write_text(folder / "trial.json", _text_of(asked), force=resume)
     jobs = [
         (str(folder), i, chosen[i], seed, one)
         for i, one in enumerate(_recipes(recipe, number, seed, whole=not kinds))
@@ -119,7 +122,7 @@ def run_trial(
     with _pool(makers, workers) as pool:
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
     seals = {name: digest for name, _, digest, _ in made}
-    _write_seals(folder, seals, say)
+    _write_seals(folder, seals, resume, say)
     asked_of = {name: (files, effects if strike else []) for name, files, _, effects in made}
     with _pool(executor, workers) as pool:
         answers = _answers(pool, folder, asked_of, dict(options or {}), diagnose, say)
@@ -278,16 +281,36 @@ def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Exe
     return open_executor(workers, processes=True)
 
 
-def _folder(output: str | Path) -> Path:
+def _folder(output: str | Path, begun: Mapping[str, Any] | None) -> Path:
+    """The folder, made; it is empty, or holds what was begun."""
     folder = Path(output).absolute()  # a worker may stand elsewhere
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder}: holds something; name an empty or a new folder")
+        if begun is None:
+            raise InputError(f"{folder}: holds something; name an empty or a new folder")
+        _check_begun(folder, begun)
     try:
         for part in ("tests", "sealed", "answers"):
             (folder / part).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror})") from error
     return folder
+
+
+def _check_begun(folder: Path, asked: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds anything but the same trial, which is about to go on in it."""
+    file = folder / "trial.json"
+    known = ("trial.json", "tests", "sealed", "seals.txt", "answers")
+    parts = sorted(folder.iterdir()) if folder.is_dir() else [folder]
+    # what was being written when the trial was killed begins with a dot
+    other = [part.name for part in parts if part.name not in known and part.name[0] != "."]
+    if other:
+        raise InputError(f"{folder}: holds {other[0]}, which is no part of a trial; remove it")
+    if file.is_file() and _text(file) != _text_of(asked):
+        raise InputError(f"{folder}: holds another trial; go on with what {file} says")
+
+
+def _text_of(asked: Mapping[str, Any]) -> str:
+    return json.dumps(asked, indent=2) + "\n"
 
 
 def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, list[str], str, list[str]]:
@@ -303,8 +326,9 @@ def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, list[st
     text = json.dumps(truth, indent=2, sort_keys=True) + "\n"
     files = [f"{test.name}.npz" for test in tests]
     for test, file in zip(tests, files, strict=True):
-        write_test(test, Path(folder) / "tests" / file)
-    atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text)
+        # a worker that died may have written it already
+        write_test(test, Path(folder) / "tests" / file, force=True)
+    atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text, force=True)
     return name, files, seal(text), _catalogued(truth)
 
 
@@ -340,7 +364,7 @@ def _answers(
 
     def keep(number: int, index: int, answer: dict[str, Any]) -> None:
         text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
-        atomic_write_text(folder / "answers" / f"{names[index]}.json", text)
+        atomic_write_text(folder / "answers" / f"{names[index]}.json", text, force=True)
         say(f"diagnosed {number} of {len(names)} tests, {answer['seconds']:.0f} s")
 
     return dict(zip(names, _all(pool, _answer, jobs, keep), strict=True))
@@ -357,10 +381,14 @@ def _all(
     return spread(pool, work, None, jobs, lambda i, result: tell(next(number), i, result))
 
 
-def _write_seals(folder: Path, seals: Mapping[str, str], say: Callable[[str], None]) -> None:
+def _write_seals(
+    folder: Path, seals: Mapping[str, str], resume: bool, say: Callable[[str], None]
+) -> None:
     lines = [f"{digest}  sealed/{name}.json" for name, digest in seals.items()]
     text = "\n".join(lines) + "\n"
-    atomic_write_text(folder / "seals.txt", text)
+    if resume and (folder / "seals.txt").is_file() and _text(folder / "seals.txt") != text:
+        raise InputError(f"{folder / 'seals.txt'}: changed since the trial was interrupted")
+    atomic_write_text(folder / "seals.txt", text, force=resume)
     for line in lines:
         say(line)
     say(f"sealed {len(lines)} truths; SHA-256 of all seals {seal(text)}")

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat, savemat
 from scipy.sparse import csc_array
 
-from bulgefit.dic import read_test
+from bulgefit.dic import hdf5_apart, read_test
 from bulgefit.dic.formats import davis_vc7
 from bulgefit.dic.formats.matlab5 import names_of, values_of
 from bulgefit.errors import InputError
@@ -86,18 +86,102 @@ def test_nothing_outside_an_hdf5_file_is_read(truth, tmp_path, kind):
             inside.create_dataset(
                 "coordinate_z", (9, 9), "f8", external=[(str(tmp_path / "secret.bin"), 0, 648)]
             )
-    with pytest.raises(InputError, match=r"is a link|keeps its numbers in other files"):
+    with pytest.raises(InputError, match=r"is a link|stands in another file"):
         read_test(folder, **SPECIMEN)
+
+
+def test_a_folder_of_hdf5_files_is_read_by_one_process(truth, tmp_path, holds, monkeypatch):
+    started = []
+
+    def start():
+        started.append(original())
+        return started[-1]
+
+    original = hdf5_apart._started
+    monkeypatch.setattr(hdf5_apart, "_started", start)
+    for step in range(4):
+        istra_step(tmp_path / f"step_{step}.hdf5", truth, step)
+    holds(read_test(tmp_path, **SPECIMEN))
+    assert len(started) == 1
+    assert started[0].poll() is not None
+
+
+def test_a_file_that_ends_the_process_is_asked_once_and_others_are_read(tmp_path, monkeypatch):
+    """What kills the library is one file's damage, not the folder's."""
+    for name in ("good.h5", "bad.h5"):
+        with h5py.File(tmp_path / name, "w") as file:
+            file["a"] = [1.0, 2.0]
+    start = hdf5_apart._START.split("from bulgefit")[0]
+    deadly = (
+        "import bulgefit.dic.hdf5_answers as a, os; one = a._answer\n"
+        "a._answer = lambda where, keys: os.abort() if 'bad' in where else one(where, keys)\n"
+        "a.serve()"
+    )
+    monkeypatch.setattr(hdf5_apart, "_START", start + "\n" + deadly)
+    starts = []
+    original = hdf5_apart._started
+    monkeypatch.setattr(hdf5_apart, "_started", lambda: starts.append(0) or original())
+    with hdf5_apart.one_helper():
+        for name in ("good.h5", "bad.h5", "bad.h5", "good.h5", "bad.h5", "good.h5"):
+            with (tmp_path / name).open("rb") as file:
+                if name == "bad.h5":
+                    with pytest.raises(InputError, match="the HDF5 library fails on it"):
+                        hdf5_apart.read_apart(file, ["a"], str(tmp_path / name))
+                else:
+                    found = hdf5_apart.read_apart(file, ["a"], str(tmp_path / name))
+                    assert found.datasets["a"].numbers.tolist() == [1.0, 2.0]
+    assert len(starts) == 2
+
+
+def test_cells_that_refer_to_one_large_array_are_counted_each_time(truth, tmp_path, log):
+    """Ten thousand references to a megabyte are ten gigabytes."""
+
+    def write(file):
+        file["#refs#/a"] = np.zeros((3, 40_000))
+        for name in ("Points3D", "Disp/DispVec"):
+            refs = np.array([[file["#refs#/a"].ref] * 10_000], dtype=object)
+            file.create_dataset(f"DIC3D/{name}", data=refs, dtype=h5py.ref_dtype)
+
+    write_newest(tmp_path / "DIC3D.mat", write)
+    with pytest.raises(InputError, match=r"Points3D has shape .* out of all proportion"):
+        read_test(tmp_path / "DIC3D.mat", **SPECIMEN)
+
+
+@pytest.mark.parametrize("kind", ["external", "soft", "virtual", "storage"])
+def test_nothing_outside_a_matlab_file_is_read(truth, tmp_path, log, kind):
+    secret = tmp_path / "secret.h5"
+    with h5py.File(secret, "w") as file:
+        file["W"] = np.ones((9, 9))
+
+    def write(file):
+        for name, values in vic_arrays(truth, 0).items():
+            if name != "W":
+                file[name] = values.T
+        if kind == "external":
+            file["W"] = h5py.ExternalLink(str(secret), "W")
+        elif kind == "soft":
+            file["W"] = h5py.SoftLink("/V")
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout((9, 9), dtype="f8")
+            layout[...] = h5py.VirtualSource(str(secret), "W", (9, 9))
+            file.create_virtual_dataset("W", layout)
+        else:
+            file.create_dataset("W", (9, 9), "f8", external=[(str(secret), 0, 648)])
+
+    write_newest(tmp_path / "run_1bar.mat", write)
+    with pytest.raises(InputError, match=r"W is a link|W stands in another file"):
+        read_test(tmp_path / "run_1bar.mat", **SPECIMEN)
 
 
 def test_istra4d_that_is_damaged(truth, tmp_path):
     path = tmp_path / "step_1.hdf5"
     istra_step(path, truth, 0)
     whole = path.read_bytes()
-    for part in np.linspace(0.1, 0.95, 12):
-        path.write_bytes(whole[: int(part * len(whole))])
-        with pytest.raises(InputError):
-            read_test(path, **SPECIMEN)
+    with hdf5_apart.one_helper():  # one start for all
+        for part in np.linspace(0.1, 0.95, 12):
+            path.write_bytes(whole[: int(part * len(whole))])
+            with pytest.raises(InputError):
+                read_test(path, **SPECIMEN)
     path.write_bytes(whole)
     with h5py.File(path, "a") as file:
         del file["displacements/displacement_z"]
@@ -105,7 +189,7 @@ def test_istra4d_that_is_damaged(truth, tmp_path):
         read_test(path, **SPECIMEN)
     with h5py.File(path, "a") as file:
         file.create_dataset("displacements/displacement_z", (1 << 20, 1 << 12), "f8")
-    with pytest.raises(InputError, match="displacement_z is larger than its file can hold"):
+    with pytest.raises(InputError, match=r"displacement_z has shape .* out of all proportion"):
         read_test(path, **SPECIMEN)
 
 
@@ -150,6 +234,26 @@ def test_vic3d_mat(truth, tmp_path, log, holds, version):
             savemat(path, arrays, do_compression="compressed" in version)
     table = str(log([f"run_{i}.tif" for i in range(4)]))
     holds(read_test(folder, pressure=table, **SPECIMEN), lost=((2, 7), (2, 60)))
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_vic3d_mat_of_several_areas(truth, tmp_path, log, holds, version):
+    """Each area of interest has its own numbered matrices, in shapes of their own."""
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for i in range(4):
+        whole = vic_arrays(truth, i, lost=(7, 60) if i == 2 else ())
+        arrays = {f"{k}{end}": v[rows] for k, v in whole.items() for end, rows in AREAS.items()}
+        path = folder / f"run_{i}.mat"
+        if version == "7.3":
+            write_newest(path, lambda f, a=arrays: [f.create_dataset(k, data=a[k].T) for k in a])
+        else:
+            savemat(path, arrays)
+    table = str(log([f"run_{i}.tif" for i in range(4)]))
+    holds(read_test(folder, pressure=table, **SPECIMEN), lost=((2, 7), (2, 60)))
+
+
+AREAS = {"": slice(0, 3), "_1": slice(3, 4), "_2": slice(4, 9)}
 
 
 def test_matlab_files_that_are_not_read(truth, tmp_path):
@@ -286,6 +390,61 @@ def test_duodic_without_its_cells(tmp_path):
     write_newest(tmp_path / "DIC3D.mat", lambda file: file.create_group("DIC3D"))
     with pytest.raises(InputError, match=r"DIC3D has no Points3D and Disp.DispVec"):
         read_test(tmp_path / "DIC3D.mat", **SPECIMEN)
+
+
+# ---- MatchID, HDF5 ----
+
+
+def matchid_arrays(truth):
+    """By their places in the file; one point is lost as NaN, one as zeros."""
+    position, moved = (
+        turned(values) for values in (truth.reference + truth.displacement, truth.displacement)
+    )
+    position[2, 13], moved[2, 13] = np.nan, np.nan
+    position[3, 8], moved[3, 8] = 0, 0
+    names = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
+    return {
+        "Mapping Data/Spatial - Point Locations": truth.pixels,
+        "Temporal Data/Force": truth.pressure[None] * 100,
+        "Temporal Data/Time": np.arange(4.0)[None],
+        **{f"Point Data/{name}": position[..., i] for i, name in enumerate("XYZ")},
+        **{f"Point Data/{name}": moved[..., i] for i, name in enumerate(names)},
+    }
+
+
+def write_matchid(path, arrays):
+    with h5py.File(path, "w") as file:
+        for name, values in arrays.items():
+            file[f"DIC Data/{name}"] = values
+
+
+def test_matchid_hdf5(truth, tmp_path, holds, said):
+    path = tmp_path / "test.h5"
+    write_matchid(path, matchid_arrays(truth))
+    with pytest.raises(InputError, match=r"no pressure found .*'Force', 'Time'"):
+        read_test(path, **SPECIMEN)
+    options = {"pressure_column": "Force", "pressure_unit": "0.1bar", **SPECIMEN}
+    holds(read_test(path, say=said.append, **options), lost=((2, 13), (3, 8)))
+    assert said[0] == "matchid-hdf5: 4 frames of MatchID (HDF5, one file a test), current positions"
+    assert "y and z change sign: the file's y runs down the image" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "match"),
+    [
+        ("Point Data/Z", None, "has no 'DIC Data/Point Data/Z'; export it from a stereo"),
+        ("Point Data/Z", np.s_[:, :5], r"Z' is \(4, 5\); each must be \(steps, points\)"),
+        ("Mapping Data/Spatial - Point Locations", np.s_[:5], "is .5, 2., not two numbers a point"),
+    ],
+)
+def test_matchid_hdf5_that_does_not_fit(truth, tmp_path, name, change, match):
+    arrays = matchid_arrays(truth)
+    whole = arrays.pop(name)
+    if change is not None:
+        arrays[name] = whole[change]
+    write_matchid(tmp_path / "test.h5", arrays)
+    with pytest.raises(InputError, match=match):
+        read_test(tmp_path / "test.h5", **SPECIMEN)
 
 
 # ---- DaVis .vc7 ----

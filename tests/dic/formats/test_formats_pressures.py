@@ -294,3 +294,14 @@ def test_names_without_a_pressure_or_with_two(frames):
         read_test(folder, pressure="names", **SPECIMEN)
     with pytest.raises(InputError, match="no pressure found"):
         read_test(folder, **SPECIMEN)
+
+
+def test_the_checksum_covers_the_names_that_tell_the_pressures(truth, write_table):
+    for i in (1, 2):
+        rows = np.hstack([truth.reference, truth.displacement[i], truth.pixels])
+        folder = write_table(f"run_{i}bar.csv", "X,Y,Z,U,V,W,x,y", rows)
+    before = read_test(folder, **SPECIMEN)
+    (folder / "run_2bar.csv").rename(folder / "run_3bar.csv")
+    after = read_test(folder, **SPECIMEN)
+    assert after.pressure.tolist() != before.pressure.tolist()
+    assert after.checksum != before.checksum

@@ -79,6 +79,28 @@ def test_vic3d_grid(truth, write_table, log, holds):
     holds(test, lost=((2, 7),))
 
 
+def test_vic3d_points_with_units(truth, write_table, log, holds):
+    """Decimal commas below a line of its own, an index, and sigma in pixels as the mark."""
+    header = (
+        '"Index [1]";"X [mm]";"Y [mm]";"Z [mm]";"U [mm]";"V [mm]";"W [mm]";"Sigma_X [mm]";'
+        '"sigma [pixel]"'
+    )
+    for i, name in enumerate(NAMES):
+        moved = truth.displacement[i]
+        rows = np.column_stack(
+            [np.arange(81), truth.reference + moved, moved, np.full((81, 2), 0.01)]
+        )
+        if i == 2:
+            rows[7, 8], rows[9] = -1, [9, *np.zeros(7), -1]
+        if i == 3:
+            rows[11, 1:] = 0
+        folder = write_table(
+            f"{name}.csv", header, rows, separator=";", decimal=",", preamble='"Area 0"\n'
+        )
+    test = read_test(folder, pressure=str(log(NAMES)), **SPECIMEN)
+    holds(test, lost=((2, 7), (2, 9), (3, 11)))
+
+
 def test_vic3d_in_metres(truth, write_table, log, holds):
     header = '"X [m]","Y [m]","Z [m]","U [mm]","V [mm]","W [mm]"'
     for i, name in enumerate(NAMES):
@@ -139,6 +161,18 @@ def test_davis_with_other_names_of_its_columns(truth, write_table, log, holds):
     holds(read_test(folder, pressure=str(log(NAMES)), **SPECIMEN))
 
 
+def test_davis_cells_outside_the_mask(truth, write_table, log, holds):
+    """They keep x and y, with zeros in all else; a flat fabric at rest is none of these."""
+    flat = truth.reference * [1, 1, 0]
+    for i, name in enumerate(NAMES):
+        rows = np.hstack([flat, truth.displacement[i] * (i > 0)])
+        rows[5, 2:] = 0
+        folder = write_table(f"{name}.csv", DAVIS_HEADER.split(";Max")[0], rows, separator=";")
+    truth.reference, truth.displacement[0] = flat, 0
+    test = read_test(folder, pressure=str(log(NAMES)), **SPECIMEN)
+    holds(test, lost=((1, 5), (2, 5), (3, 5)))
+
+
 def test_davis_load_file(truth, write_table, holds):
     """Two rows of header, image numbers in few of many rows, and times in ms."""
     for i in range(4):
@@ -192,6 +226,8 @@ def test_davis_tecplot(truth, tmp_path, log, holds):
         "Coordinates.Image X [Pixel],Coordinates.Image Y [Pixel],coor.X [mm],coor.Y [mm],"
         "coor.Z [mm],disp.Horizontal Displacement U [mm],disp.Vertical Displacement V [mm],"
         "disp.Out-Of-Plane: W [mm],strain.Strain-global frame: Exx [ ]",
+        "Image X[Pixel],Image Y[Pixel],X[mm],Y[mm],Z[mm],Horizontal Displacement U[mm],"
+        "Vertical Displacement V[mm],Out-Of-Plane: W[mm],Strain-global frame: Exx[ ]",
     ],
 )
 def test_matchid(truth, write_table, log, holds, header, said):

@@ -19,8 +19,9 @@ from bulgefit.errors import InputError
 
 __all__ = ["LAYOUTS"]
 
+# Cells of the grid outside the mask keep their x and y, and zeros in all else.
 LAYOUTS = tuple(
-    Layout(position=(x, y, z), displacement=(dx, dy, dz))
+    Layout(position=(x, y, z), displacement=(dx, dy, dz), zeros=(z, dx, dy, dz))
     for x, y, z in (("x", "y", "z"), ("X", "Y", "Z"))
     for dx, dy, dz in (
         ("X-displacement", "Y-displacement", "Z-displacement"),
@@ -108,7 +109,7 @@ register(
         example="x [mm];y [mm];z [mm];X-displacement [mm];Y-displacement [mm];...",
         recognises=recognises_text(*LAYOUTS),
         read=_read_csv,
-        lost="row left out",
+        lost="row left out, or zeros but for x and y",
         positions="reference",
     )
 )

@@ -8,35 +8,33 @@ from bulgefit.dic.formats.base import Ask, Format, register
 from bulgefit.dic.formats.frames import Frame
 from bulgefit.dic.formats.text import Layout, read_text, recognises_text
 
-__all__ = ["LAYOUTS"]
+__all__ = ["DISPLACEMENT", "LAYOUTS"]
 
-_DISPLACEMENT = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
+#: What the three components are called.
+DISPLACEMENT = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
+_PREFIXED = (f"disp.{DISPLACEMENT[0]}", f"disp.{DISPLACEMENT[1]}", f"disp.{DISPLACEMENT[2]}")
 LAYOUTS = (
     Layout(
         position=("x", "y", "z"),
         displacement=("u", "v", "w"),
         ids=("x_pic", "y_pic"),
         row="y_pic",
-        zeros=True,
+        zeros=("x", "y", "z", "u", "v", "w"),
         also=("x_pic", "y_pic"),
     ),
     Layout(
         position=("coor.X", "coor.Y", "coor.Z"),
-        displacement=(
-            f"disp.{_DISPLACEMENT[0]}",
-            f"disp.{_DISPLACEMENT[1]}",
-            f"disp.{_DISPLACEMENT[2]}",
-        ),
+        displacement=_PREFIXED,
         ids=("Coordinates.Image X", "Coordinates.Image Y"),
         row="Coordinates.Image Y",
-        zeros=True,
+        zeros=("coor.X", "coor.Y", "coor.Z", *_PREFIXED),
     ),
     Layout(
         position=("X", "Y", "Z"),
-        displacement=_DISPLACEMENT,
+        displacement=DISPLACEMENT,
         ids=("Image X", "Image Y"),
         row="Image Y",
-        zeros=True,
+        zeros=("X", "Y", "Z", *DISPLACEMENT),
     ),
 )
 

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.formats.hdf5 import child, largest_size, numbers
 from bulgefit.dic.formats.matlab5 import names_of, values_of
 from bulgefit.dic.formats.source import Head
+from bulgefit.dic.hdf5_apart import Contents, Dataset, read_apart
 from bulgefit.dic.registry import one_line
 from bulgefit.errors import InputError
+from bulgefit.files import open_regular
 
 __all__ = ["arrays_of", "cells_of", "is_matlab", "variables_of"]
 
@@ -20,6 +21,8 @@ Floats = NDArray[np.floating]
 
 _START = b"MATLAB "
 _NEWEST = b"MATLAB 7.3"
+# Measured fields hardly compress, but masked ones do; 200 MB more is what any machine has.
+_COMPRESSION, _SPARE = 4, 200 * 2**20
 
 
 def is_matlab(head: Head) -> bool:
@@ -31,10 +34,7 @@ def variables_of(path: Path) -> set[str]:
     """Names of the variables; none where the file is damaged."""
     try:
         if _is_hdf5(path):
-            import h5py
-
-            with h5py.File(path, "r") as file:
-                return {str(name) for name in file}
+            return set(_apart(path, []).names)
         with path.open("rb") as opened:
             return set(names_of(opened))
     except Exception:  # a damaged file can raise nearly anything
@@ -50,16 +50,7 @@ def arrays_of(path: Path, names: list[str]) -> dict[str, Floats]:
         One holds something other than real numbers, or the file is damaged.
     """
     if _is_hdf5(path):
-        import h5py
-
-        with _open(path) as file:
-            members = {name: child(file, name, path) for name in names}
-            return {
-                # h5py shows the axes of MATLAB's arrays the other way round
-                name: numbers(dataset, name, path).astype(np.float64).T
-                for name, dataset in members.items()
-                if isinstance(dataset, h5py.Dataset)
-            }
+        return {name: _shown(found) for name, found in _apart(path, names).datasets.items()}
     found = _load(path, names)
     return {name: _real(found[name], name, path) for name in names if name in found}
 
@@ -74,29 +65,11 @@ def cells_of(path: Path, variable: str, *keys: str) -> list[Floats] | None:
     """
     if not _is_hdf5(path):
         return _loaded_cells(path, variable, *keys)
-    import h5py
-
-    with _open(path) as file:
-        member: Any = file
-        for key in (variable, *keys):
-            member = child(member, key, path) if isinstance(member, h5py.Group) else None
-        if member is None:
-            return None
-        if not isinstance(member, h5py.Dataset) or member.dtype != h5py.ref_dtype:
-            raise InputError(f"{path}: {variable}.{'.'.join(keys)} is not a cell array")
-        name = f"{variable}.{'.'.join(keys)}"
-        cells: list[Floats] = []
-        size = 0
-        for ref in member[()].ravel(order="F"):
-            if "MATLAB_empty" in file[ref].attrs:  # it holds the shape in the place of the array
-                cells.append(np.empty((0, 3)))
-                continue
-            cell = numbers(file[ref], name, path)
-            size += cell.nbytes  # many cells may be the same data set
-            if size > largest_size(path):
-                raise InputError(f"{path}: {name} is larger than its file can hold; it is damaged")
-            cells.append(cell.astype(np.float64).T)
-        return cells
+    key = "/".join((variable, *keys))
+    contents = _apart(path, [key])
+    if key in contents.datasets:
+        raise InputError(f"{path}: {variable}.{'.'.join(keys)} is not a cell array")
+    return [*map(_shown, contents.cells[key])] if key in contents.cells else None
 
 
 def _loaded_cells(path: Path, variable: str, *keys: str) -> list[Floats] | None:
@@ -116,21 +89,23 @@ def _is_hdf5(path: Path) -> bool:
         return file.read(len(_NEWEST)) == _NEWEST
 
 
-def _open(path: Path) -> Any:
-    import h5py
+def _apart(path: Path, keys: list[str]) -> Contents:
+    with open_regular(path) as file:
+        return read_apart(file, keys, str(path))
 
-    try:
-        return h5py.File(path, "r")
-    except (OSError, RuntimeError) as error:
-        raise InputError(
-            f"{path}: damaged MATLAB file ({one_line(error)}); copy it again"
-        ) from None
+
+def _shown(dataset: Dataset) -> Floats:
+    """An array as MATLAB shows it: HDF5 has the axes the other way round."""
+    if "MATLAB_empty" in dataset.attributes:  # it holds the shape in the place of the array
+        return np.empty((0, 3))
+    return dataset.numbers.astype(np.float64).T
 
 
 def _load(path: Path, names: list[str]) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
-            return values_of(file, names, largest_size(path))
+            size = path.stat().st_size
+            return values_of(file, names, _COMPRESSION * size + _SPARE)
     except ValueError as error:
         raise _damaged(path, error) from None
 

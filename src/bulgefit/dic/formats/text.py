@@ -43,8 +43,8 @@ class Layout:
         The column of the pixel's row in the reference image.
     marks : tuple of (str, float)
         Columns, and the value in them that says that the point is lost.
-    zeros : bool
-        Whether a row whose position and displacement are all exactly zero is a lost point.
+    zeros : tuple of str
+        Columns that are all exactly zero in the row of a lost point.
     also : tuple of str
         Further columns by which the layout is known.
     units : bool or None
@@ -58,7 +58,7 @@ class Layout:
     rows_are_ids: bool = False
     row: str | None = None
     marks: tuple[tuple[str, float], ...] = ()
-    zeros: bool = False
+    zeros: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     units: bool | None = None
 
@@ -111,7 +111,10 @@ def read_text(layouts: Sequence[Layout], path: Path, ask: Ask) -> tuple[Frame, T
         if name in values:
             lost |= values[name] == value
     if layout.zeros:
-        lost |= ~np.hstack([position, displacement]).any(axis=1)
+        zero = ~np.column_stack([values[name] for name in layout.zeros]).any(axis=1)
+        # a flat fabric at rest has no heights and no displacements either
+        if not zero.all() or not position.any():
+            lost |= zero
     frame = Frame(
         path=path,
         name=frame_name(path.name),

@@ -17,10 +17,18 @@ POINTS = Layout(
     ids=("x", "y"),
     row="y",
     marks=(("sigma", -1.0),),
-    zeros=True,
+    zeros=("X", "Y", "Z", "U", "V", "W"),
     units=False,
 )
-GRID = Layout(position=("X", "Y", "Z"), displacement=("U", "V", "W"), rows_are_ids=True, units=True)
+# Where points are exported with units, as `sigma [pixel]`, they are marked as without.
+GRID = Layout(
+    position=("X", "Y", "Z"),
+    displacement=("U", "V", "W"),
+    rows_are_ids=True,
+    marks=(("sigma", -1.0),),
+    zeros=("X", "Y", "Z", "U", "V", "W"),
+    units=True,
+)
 
 
 def _read_points(path: Path, ask: Ask) -> list[Frame]:
@@ -49,7 +57,7 @@ register(
         example='"X [mm]","Y [mm]","Z [mm]","U [mm]","V [mm]","W [mm]"',
         recognises=recognises_text(GRID),
         read=_read_grid,
-        lost="empty cells",
+        lost="empty cells, sigma -1, or a row of zeros",
         positions="current",
     )
 )

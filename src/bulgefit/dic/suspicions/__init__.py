@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.axes import about_axes
+from bulgefit.dic.suspicions.mixtures import about_mixtures
 from bulgefit.dic.suspicions.points import about_points
 from bulgefit.dic.suspicions.sequence import about_sequence
 from bulgefit.dic.suspicions.sizes import about_sizes
@@ -30,5 +31,6 @@ def alarms(test: BulgeTest) -> list[Suspicion]:
 
 def _notes(test: BulgeTest) -> Iterator[Suspicion]:
     yield from about_sequence(test)
+    yield from about_mixtures(test)
     yield from about_points(test)
     yield from about_offsets(test)

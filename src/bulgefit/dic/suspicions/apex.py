@@ -24,7 +24,7 @@ def rise_at_centre(test: BulgeTest) -> tuple[Floats, Floats]:
     rise = np.full(test.n_frames, np.nan)
     for block in test.blocks:
         index = test.apex[block.frames]
-        part = np.sum(block.reference[index, :2] ** 2, axis=1) / test.radius**2
+        part = np.sum(test.on_circle(block.reference[index]) ** 2, axis=1) / test.radius**2
         near = (index >= 0) & (part < _NEAR_APEX**2)
         height = test.apex_displacement[block.frames] / np.where(near, 1 - part, 1.0)
         rise[block.frames] = np.where(near, height, np.nan)

@@ -67,7 +67,7 @@ def _of_frame(test: BulgeTest, frame: int) -> InPlane | None:
     rise = test.apex_displacement[frame]
     if known.sum() < _FEWEST_POINTS or not abs(rise) > 0:
         return None
-    x, y = reference[::step][known, :2].T / test.radius
+    x, y = test.on_circle(reference[::step][known]).T / test.radius
     moved = displacement[::step][known, :2].astype(np.float64) / test.radius
     bulge = 1 - x**2 - y**2
     basis = np.column_stack([x * bulge, y * bulge, x, y, np.ones_like(x)])

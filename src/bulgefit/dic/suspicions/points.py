@@ -91,8 +91,8 @@ def _about_components(test: BulgeTest) -> Iterator[Suspicion]:
 
 
 def _about_coverage(test: BulgeTest, points: Floats) -> Iterator[Suspicion]:
-    whole, quadrants = coverage(points, test.radius)
-    reach = float(np.hypot(points[:, 0], points[:, 1]).max())
+    whole, quadrants = coverage(test.on_circle(points), test.radius)
+    reach = float(np.hypot(*test.on_circle(points).T).max())
     if reach < _NEAR_CENTRE * test.radius:
         yield Suspicion(
             "near_centre_only",

@@ -80,7 +80,7 @@ def _least_rise(test: BulgeTest, frame: int) -> float:
     """What the stiffest membrane would show at the apex point of a frame, mm."""
     pressure = max(float(test.pressure[frame]), 0.0)
     (block,) = (block for block in test.blocks if frame in block.frames)
-    x, y, _ = block.reference[test.apex[frame]]
+    ((x, y),) = test.on_circle(block.reference[test.apex[frame]][None])
     # p = 3 E t w^3 / R^4, in which the factor is near that of a clamped isotropic disc
     at_centre = np.cbrt(pressure * test.radius**4 / (3 * _STIFFEST * test.thickness))
     return float(at_centre * max(1 - (x**2 + y**2) / test.radius**2, 0.0))

@@ -121,7 +121,7 @@ def _about_motion(test: BulgeTest) -> Iterator[Suspicion]:
     known = np.isfinite(displacement).all(axis=1)
     in_plane = displacement[known, :2]
     # the mean over a lopsided field is not 0 even where all is well
-    if len(in_plane) < 20 or coverage(reference[known], test.radius)[0] < _FIELD:
+    if len(in_plane) < 20 or coverage(test.on_circle(reference[known]), test.radius)[0] < _FIELD:
         return
     offset = in_plane.mean(axis=0)
     if np.abs(offset).max() > max(_OFFSET, _OFFSET_PART * np.abs(in_plane - offset).max()):

@@ -23,7 +23,7 @@ class Sampled:
     ----------
     values : (m,) array
     where : dict of name to (m,) array
-        `x_mm` and `y_mm`, `angle_degree`, or `pressure_bar`.
+        `x_mm` and `y_mm`, `angle_degree`, `pressure_bar`, or `strain` and `from_warp_degree`.
     """
 
     values: Floats
@@ -49,10 +49,14 @@ class Field(Effect):
     quantity : str
         What varies, in a few words.
     unit : str
+    pointwise : bool
+        True for an offset of every measured point, which has no parameters: offsets are integrated
+        out of the likelihood.
     """
 
     quantity: ClassVar[str] = ""
     unit: ClassVar[str] = "1"
+    pointwise: ClassVar[bool] = False
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """The field over its place.

@@ -20,6 +20,7 @@ class ReferenceField(Field):
     remedy = "take the reference image under a light pressure that makes the fabric smooth"
     quantity = "displacement on the reference image"
     unit = "mm"
+    pointwise = True
 
 
 EFFECT = ReferenceField()

@@ -35,6 +35,7 @@ class RimField(Field):
         reason="turned rings are round to some tenths of a millimetre once they are screwed down",
         step=1e-5,
     )
+    of_rig = True
 
     def outline(self, own: Own, unit: Floats) -> Floats:
         """See the class."""

@@ -1,6 +1,7 @@
 """Which coordinates does a diagnosis step in: of which parameter, from what null, how wide?
 
-Groups of several specimens are each specimen's own, `id@i`, but for what belongs to the cloth.
+Groups of several specimens are each specimen's own, `id@i`, but for what belongs to the cloth, and
+on one rig to that. What specimens scatter by is one group of all of them, in every model.
 """
 
 from __future__ import annotations
@@ -72,6 +73,8 @@ class Coordinates:
         effects: Iterable[Effect],
         nulls: Sequence[Mapping[str, float]],
         priors: Mapping[str, tuple[float, float]] | None = None,
+        *,
+        same_rig: bool = False,
     ) -> Coordinates:
         """Of moduli, effects and fields over as many specimens as there are `nulls`.
 
@@ -82,6 +85,8 @@ class Coordinates:
             By specimen: of parameters whose null is the test's own.
         priors : mapping of modulus to (MPa, MPa), optional
             Centre and standard deviation that are better known.
+        same_rig : bool
+            Whether clamp and cameras are the same for all specimens.
         """
         groups, every = [], list[Coordinate]()
 
@@ -93,7 +98,16 @@ class Coordinates:
         add(MATERIAL, "", _moduli(priors or {}), always=True)
         several = len(nulls) > 1
         for effect in effects:
-            for index in [None] if effect.shared or not several else range(len(nulls)):
+            if effect.scatters:
+                every_one = [
+                    _coordinate(effect, p, index, null)
+                    for index, null in enumerate(nulls)
+                    for p in effect.parameters
+                ]
+                add(effect.id, effect.place, every_one, always=True)
+                continue
+            common = effect.shared or not several or (same_rig and effect.of_rig)
+            for index in [None] if common else range(len(nulls)):
                 own = [_coordinate(effect, p, index, nulls[index or 0]) for p in _stepped(effect)]
                 name = effect.id if index is None else f"{effect.id}@{index}"
                 add(name, effect.place, own, forms=_forms(effect))

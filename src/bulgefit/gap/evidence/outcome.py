@@ -6,18 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import FIELD
 from bulgefit.gap.evidence.coordinates import Coordinate
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import chain_factor, group_keys
-from bulgefit.gap.normal import (
-    NormalEquations,
-    Quadratic,
-    normal_equations,
-    offsets_of,
-    shown,
-)
+from bulgefit.gap.keys import offsets_of_points
+from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, offsets_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
 
@@ -34,12 +27,12 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     """
     every, columns = weighing.coordinates.every, fit.here.columns
     chosen = [every[c] for c in columns]
-    keys = tuple(str(c.key) for c in chosen)
+    keys = tuple(c.key for c in chosen)
     predictions = []
     for index, (d, shapes) in enumerate(zip(weighing.data, fit.here.near, strict=True)):
         names = [every[c].key.name for c in weighing.coordinates.of_specimen(columns, index)]
         predictions.append(d.specimen.observe(shapes, names))
-    free = [] if weighing.offsets is None else group_keys([FIELD], len(weighing.data))
+    free = () if weighing.offsets is None else offsets_of_points(len(weighing.data))
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
     prior = _prior(chosen, fit.x[columns], weighing.inflation)
@@ -60,7 +53,7 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
 def _offset(data: Data, prediction: Prediction) -> Floats:
     """Of every point (n, 3), mm: the mean of its residual."""
     residual = data.specimen.measured - prediction.displacement
-    return offsets_of(residual, data.used, shown(data, prediction))
+    return offsets_of(residual, data.used, data.share)
 
 
 def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
@@ -73,10 +66,7 @@ def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:
     matrix = np.zeros((len(chosen) + 1, len(chosen) + 1))
     for place, (coordinate, at) in enumerate(zip(chosen, x, strict=True)):
         value = coordinate.value(at)
-        if coordinate.parameter.coordinate == "square":
-            by_value = chain_factor(str(coordinate.key), {coordinate.key.name: value})
-        else:
-            by_value = 1.0 / coordinate.parameter.slope(value)
+        by_value = coordinate.parameter.by_value(value) / coordinate.parameter.slope(value)
         row = np.sqrt(inflation) / coordinate.width * np.array([by_value, coordinate.null - at])
         here = np.ix_([place, len(chosen)], [place, len(chosen)])
         matrix[here] += np.outer(row, row)

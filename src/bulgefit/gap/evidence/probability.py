@@ -83,6 +83,6 @@ def _shares(models: Mapping[Model, float]) -> dict[str, float]:
     """Sum of probabilities over the models that hold each group."""
     out: dict[str, float] = {}
     for model, share in models.items():
-        for name, _ in model:
+        for name, _ in sorted(model):
             out[name] = min(out.get(name, 0.0) + share, 1.0)
     return out

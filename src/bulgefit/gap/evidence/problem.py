@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -76,6 +76,9 @@ class Linearised:
         JᵀJ.
     near : object
         What a neighbouring point is sooner found from; the problem's own.
+    rows : object
+        The derivatives themselves, for the same elsewhere (`Problem.again`); the problem's own.
+        None where they were let go.
     """
 
     x: Floats
@@ -84,6 +87,11 @@ class Linearised:
     gradient: Floats
     hessian: Floats
     near: Any = None
+    rows: Any = None
+
+    def light(self) -> Linearised:
+        """Without the derivatives themselves, to be kept."""
+        return replace(self, rows=None)
 
     def of(self, columns: Columns) -> Linearised:
         """By some of the coordinates alone."""
@@ -117,6 +125,16 @@ class Problem(Protocol):
 
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """The misfit near x by some coordinates, in ascending order.
+
+        Raises
+        ------
+        SolveError
+            Nothing balances there.
+        """
+        ...
+
+    def again(self, here: Linearised, x: Floats) -> Linearised:
+        """The misfit at x by the derivatives `here`, which cost much more than the misfit.
 
         Raises
         ------

@@ -17,6 +17,7 @@ from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
+from bulgefit.parallel.journal import kept
 
 __all__ = ["Search", "Ways"]
 
@@ -44,6 +45,8 @@ class Search(Generic[Kind]):
         Told what is tried.
     fits : dict of Model to Fit
         Every model that was fitted, at its best.
+    roughly : bool
+        Fit no closer than others may start from.
     """
 
     problem: Kind
@@ -51,20 +54,32 @@ class Search(Generic[Kind]):
     names: tuple[str, ...]
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
+    roughly: bool = False
 
     @property
     def best(self) -> Fit:
         """The fitted model with the most evidence."""
         return min(self.fits.values(), key=lambda fit: fit.score)
 
-    def fit(self, model: Model, start: Floats, near: object = None) -> Fit | None:
+    def fit(
+        self, model: Model, start: Floats, near: object = None, *, roughly: bool = False
+    ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
         None where nothing balances.
         """
         self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
         try:
-            found = descend(self.problem, self.layout, model, start, near)
+            found = kept(
+                lambda: descend(
+                    self.problem,
+                    self.layout,
+                    model,
+                    start,
+                    near,
+                    roughly=roughly or self.roughly,
+                )
+            )
         except SolveError:
             return self.fits.get(model)
         known = self.fits.get(model)
@@ -77,14 +92,21 @@ class Search(Generic[Kind]):
         columns = self.layout.columns(self.layout.whole(self.names))
         return self.problem.linearise(fit.x, columns, fit.here.near)
 
-    def improved(self, fit: Fit) -> Fit:
-        """A fit from which no drop, growth, addition or swap that was tried raises the evidence."""
-        while True:
+    def improved(self, fit: Fit, fewer: int | None = None) -> Fit:
+        """A fit from which no drop, growth, addition or swap that was tried raises the evidence.
+
+        Parameters
+        ----------
+        fewer : int, optional
+            Go no further by models of so many groups, unless one is the best of all.
+        """
+        while fewer is None or len(fit.model) < fewer or fit is self.best:
             around = self.around(fit)
             better = self._thinned(fit, around) or self._changed(fit, around)
             if better is None:
-                return fit
+                break
             fit = better
+        return fit
 
     def scores(self, temper: float) -> dict[Model, float]:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
@@ -164,7 +186,7 @@ class Search(Generic[Kind]):
 
     def _smaller(self, model: Model) -> Iterator[Model]:
         """One group less, or one in its next smaller form."""
-        forms = dict(model)
+        forms = dict(sorted(model))  # as in every process, whatever its hashes are
         for name, form in forms.items():
             rest = {k: f for k, f in forms.items() if k != name}
             yield freeze(rest)
@@ -218,11 +240,13 @@ class Ways(Generic[Kind]):
         """Everything but the fields is freed at once, and thinned."""
         named = self._named
         whole = named.layout.whole(named.names)
-        if (found := named.fit(whole, self.start, self.near)) is not None:
+        if (found := named.fit(whole, self.start, self.near, roughly=True)) is not None:
             named.improved(found)
 
     def from_below(self) -> None:
-        """Groups, but no fields, are added to the smallest model.
+        """Groups, but no fields, are added to the smallest model, fewer than the best one has.
+
+        With as many, what began with the wrong one would only gather others about it.
 
         Raises
         ------
@@ -230,9 +254,11 @@ class Ways(Generic[Kind]):
             Nothing balances at the start, and no model was fitted.
         """
         named = self._named
-        small = named.fit(freeze({}), self.start, self.near)
+        fewer = len(named.best.model) - 1 if named.fits else None
+        rough = replace(named, roughly=fewer is not None)
+        small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
-            named.improved(small)
+            rough.improved(small, fewer)
         elif not named.fits:
             # the same solve once more: its error says where and why nothing balances
             none = named.layout.columns(freeze({}))
@@ -249,7 +275,7 @@ class Ways(Generic[Kind]):
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
             starts.append((first.x, first.here.near))
         for start, near in starts:
-            if (found := self.search.fit(whole, start, near)) is not None:
+            if (found := self.search.fit(whole, start, near, roughly=True)) is not None:
                 self.search.improved(found)
 
     def every(self) -> None:

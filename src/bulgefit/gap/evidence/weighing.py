@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -78,18 +79,43 @@ class Weighing:
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """See `Problem`; `near` are the shapes of a neighbouring point."""
         size = len(columns) + 1
-        gram, shapes = np.zeros((size, size)), []
+        gram, shapes, rows = np.zeros((size, size)), list[Shapes](), list[Floats]()
         for index, d in enumerate(self.data):
             own = self.coordinates.of_specimen(columns, index)
-            found = self.predicted(x, own, index, None if near is None else near[index])
-            if near is not None and _loses_stability(near[index], found.shapes):
-                raise _lost_stability(d, found)
+            found = self._stable(x, own, index, None if near is None else near[index])
             shapes.append(found.shapes)
             place = np.append(np.searchsorted(columns, own), size - 1)
-            gram[np.ix_(place, place)] += self._gram(index, self._rows(d, found, x, own))
+            white = self._whitened(index, self._rows(d, found, x, own))
+            upper = dsyrk(1.0, white.T, trans=1)
+            gram[np.ix_(place, place)] += upper + np.triu(upper, 1).T
+            rows.append(white[:-1])
         return Linearised(
-            np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes
+            np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
         )
+
+    def again(self, here: Linearised, x: Floats) -> Linearised:
+        """See `Problem`."""
+        square, gradient, shapes = 0.0, np.zeros(len(here.columns)), list[Shapes]()
+        for index, (d, near, rows) in enumerate(zip(self.data, here.near, here.rows, strict=True)):
+            own = self.coordinates.of_specimen(here.columns, index)
+            # with derivatives by the moduli a path is the one that derivatives are then taken of
+            moduli = [c for c in own if not self.coordinates.every[c].key.effect]
+            found = self._stable(x, moduli, index, near)
+            (residual,) = self._whitened(index, d.residual(found)[None])
+            gradient[np.searchsorted(here.columns, own)] += rows @ residual
+            square += float(residual @ residual)
+            # the next point is found from this one the sooner by derivatives from near it
+            shapes.append(replace(found.shapes, derivative=near.derivative))
+        return replace(here, x=np.array(x), square=square, gradient=gradient, near=shapes)
+
+    def _stable(
+        self, x: Floats, columns: Sequence[int], index: int, near: Shapes | None
+    ) -> Prediction:
+        """`predicted`, unless a step from `near` loses stability; raises SolveError."""
+        found = self.predicted(x, columns, index, near)
+        if near is not None and _loses_stability(near, found.shapes):
+            raise _lost_stability(self.data[index], found)
+        return found
 
     def predicted(
         self, x: Floats, columns: Sequence[int], index: int, near: Any = None
@@ -103,17 +129,19 @@ class Weighing:
             # moduli so far off that a tangent is nothing to the last digit
             raise _no_shape(f"the tangent cannot be solved ({error})", values) from error
 
-    def _gram(self, index: int, rows: Floats) -> Floats:
-        """Products of rows (k, frames, points, 3), the offsets and the mesh's error taken off."""
+    def _whitened(self, index: int, rows: Floats) -> Floats:
+        """Rows (k, frames, points, 3) with products as offsets and the mesh's error leave them.
+
+        (k, values).
+        """
         d = self.data[index]
-        if d.mesh is not None:
-            rows = np.concatenate([rows, np.where(d.used, d.mesh, 0.0)[None] * d.weight])
-        flat = rows.reshape(len(rows), -1)
-        upper = dsyrk(1.0, flat.T, trans=1)
-        gram = upper + np.triu(upper, 1).T
+        mesh = None if d.mesh is None else np.where(d.used, d.mesh, 0.0) * d.weight
         if self.offsets is not None:
-            gram -= _of_offsets(d, self.offsets[index], rows)
-        return gram if d.mesh is None else _beside_mesh(gram, d.inflation)
+            shown, share = d.share[:, None, None] * d.used, _of_offsets(d, self.offsets[index])
+            rows = _without(rows, shown, share)
+            mesh = None if mesh is None else _without(mesh[None], shown, share)[0]
+        flat = rows.reshape(len(rows), -1)
+        return flat if mesh is None else _beside_mesh(flat, mesh.ravel(), d.inflation)
 
     def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
         """Derivatives by coordinates and the residual, in noise units.
@@ -135,26 +163,35 @@ def _frames_that_count(d: Data) -> Floats:
     return np.tensordot(d.share**2, d.used, 1)
 
 
-def _of_offsets(d: Data, prior: Floats, rows: Floats) -> Floats:
-    """What offsets of the points take off products of rows.
+def _of_offsets(d: Data, prior: Floats) -> Floats:
+    """What offsets of the points take off the sums of rows over the frames (points, 3).
 
     With the sum S of a point's rows over its n frames and a prior of t noise units, the best offset
-    takes SSᵀ/(n + 1/t²) off; frames count by their trust.
+    takes SSᵀ/(n + 1/t²) off products of rows; frames count by their trust. So do rows less
+    (1 - (1 + n t²)^-1/2)/n of their sum.
     """
     number, square = _frames_that_count(d), (prior / d.sigma) ** 2
-    share = np.sqrt(square / (1.0 + number * square))
-    sums = (np.tensordot(rows, d.share, (1, 0)) * share).reshape(len(rows), -1)
-    return np.asarray(sums @ sums.T)
+    return np.asarray((1.0 - 1.0 / np.sqrt(1.0 + number * square)) / np.maximum(number, 1e-300))
 
 
-def _beside_mesh(gram: Floats, inflation: float) -> Floats:
-    """Products of rows where what is left of the mesh's error is noise of one more direction.
+def _without(rows: Floats, shown: Floats, share: Floats) -> Floats:
+    """Rows (k, frames, points, 3) without a share (points, 3) of what their frames have alike."""
+    sums = np.einsum("kfnc,fnc->knc", rows, shown) * share
+    return np.asarray(rows - sums[:, None] * shown)
 
-    It is known in its pattern m, the last row, and in its size to about itself. With noise of
-    covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950).
+
+def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
+    """Rows (k, values) where what is left of the mesh's error is noise of one more direction.
+
+    It is known in its pattern m, (values,), and in its size to about itself. With noise of
+    covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950), which is the
+    square of 1 - m mᵀ (1 - (v/(v + mᵀm))^1/2)/mᵀm.
     """
-    along = gram[:-1, -1]
-    return np.asarray(gram[:-1, :-1] - np.outer(along, along) / (inflation + gram[-1, -1]))
+    size = float(mesh @ mesh)
+    if size == 0.0:
+        return rows
+    share = (1.0 - np.sqrt(inflation / (inflation + size))) / size
+    return np.asarray(rows - np.outer(share * (rows @ mesh), mesh))
 
 
 def _loses_stability(before: Shapes, after: Shapes) -> bool:

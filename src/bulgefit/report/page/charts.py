@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bulgefit.gap.structure import RINGS, SECTORS
+from bulgefit.gap.residual.structure import RINGS, SECTORS
 from bulgefit.report.numbers import INTERVAL
 from bulgefit.report.record import SIGNIFICANT, Record
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from bulgefit.gap.diagnosis import Verdict
 from bulgefit.gap.effects import MODULI
 from bulgefit.report import _diagnosis_words as words
 from bulgefit.report.numbers import CARE, INTERVAL, USE, listed, value_text
@@ -12,6 +13,8 @@ from bulgefit.report.page.blocks import Answer, Block, Page, Value
 from bulgefit.report.record import SIGNIFICANT, Record
 
 __all__ = ["page_of_diagnosis"]
+
+_NAMES = [modulus.name for modulus in MODULI]
 
 
 def page_of_diagnosis(record: Record) -> Page:
@@ -45,20 +48,20 @@ def page_of_diagnosis(record: Record) -> Page:
 
 def _answer(record: Record) -> Answer:
     moduli = record["parameters"]["corrected"]
-    values = tuple(_value(name, moduli[name]) for name in MODULI)
+    values = tuple(_value(name, moduli[name]) for name in _NAMES)
     usable = [v for v in values if v.use != "no"]
     rest = [v.name for v in values if v.use == "no"]
     use = f"Use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
     dont = f"do not use {listed(rest)}" if rest else ""
     headline = "; ".join(filter(None, (use, dont)))
-    tone = "good" if not rest and record["verdict"] in ("none", "named") else "care"
+    tone = "good" if not rest and record["verdict"] in (Verdict.NONE, Verdict.NAMED) else "care"
     notes = [f"**Verdict: {record['verdict']}.** {words.verdict_words(record)}"]
-    if record["verdict"] in ("partial", "unknown"):
+    if record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN):
         notes.append(
             "What has no name may shift the moduli by more than these limits: take them as those "
             "of this model, not of the fabric."
         )
-    elif record["verdict"] == "ambiguous":
+    elif record["verdict"] == Verdict.AMBIGUOUS:
         notes.append("Which of the causes acts decides the moduli, too: split them first (below).")
     notes += _shifts(record)
     return Answer(
@@ -84,7 +87,7 @@ def _shifts(record: Record) -> list[str]:
     before, after = (record["parameters"][k] for k in ("baseline", "corrected"))
     shifts = [
         f"{m} by {100 * (before[m]['value'] / after[m]['value'] - 1):+.2g} %"
-        for m in MODULI
+        for m in _NAMES
         if abs(before[m]["value"] / after[m]["value"] - 1) >= 0.005 and not before[m]["held"]
     ]
     return [f"A fit of the moduli alone is off: {listed(shifts)}."] if shifts else []
@@ -94,7 +97,7 @@ def _moduli_spans(record: Record) -> list[Block]:
     if not record["tried"]:
         return []
     blocks = []
-    for m in MODULI:
+    for m in _NAMES:
         fits = [(label, record["parameters"][k][m]) for label, k in
                 (("moduli alone", "baseline"), ("with causes", "corrected"))]  # fmt: skip
         rows = [

@@ -145,13 +145,13 @@ def _of_diagnosis(result: Result, index: int) -> dict[str, Any]:
     law = told["law"]
     models = {
         "moduli alone": partial(
-            of_diagnosis, values=told["values"]["baseline"], index=index, law=law, offsets=False
+            of_diagnosis, values=told["values"]["baseline"], index=index, law=law
         )
     }
     if result["tried"]:
         models["with causes"] = partial(
             of_diagnosis, values=told["values"]["final"], index=index, law=law,
-            offsets=told["offsets"][index],
+            trust=told["tests"][index] if told["offsets"][index] else None,
         )  # fmt: skip
     return models
 
@@ -170,7 +170,7 @@ def _origin(
     run = result.get("run", {})
     rows = [(key, str(run[key])) for key in ("command", "date") if key in run]
     made_by = (run, result, result.get("meta", {}))
-    versions = next((of["versions"] for of in made_by if of.get("versions")), {})
+    versions: dict[str, str] = next((of["versions"] for of in made_by if of.get("versions")), {})
     rows.append(("versions", ", ".join(f"{name} {value}" for name, value in versions.items())))
     if where:
         rows.append(("drawn from", where))

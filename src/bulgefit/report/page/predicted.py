@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fem.mesh import DEFAULT_REFINE
-from bulgefit.gap.data import Data
-from bulgefit.gap.normal import offsets_of, shown
+from bulgefit.gap.normal import offsets_of
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.model.predict import predict
@@ -56,14 +55,19 @@ def _refine(cells: int) -> int:
 
 
 def of_diagnosis(
-    test: BulgeTest, values: Mapping[str, float], index: int, law: str, *, offsets: bool
+    test: BulgeTest,
+    values: Mapping[str, float],
+    index: int,
+    law: str,
+    trust: Mapping[str, Sequence[float]] | None = None,
 ) -> list[Floats]:
     """Displacements (mm) of the only block by the values of a diagnosis's record.
 
     Parameters
     ----------
-    offsets : bool
-        Whether every point has an offset, which is then the one that leaves least of its residual.
+    trust : mapping, optional
+        Where every point has an offset, the `trust` in the frames at `judged_bar`: the offset is
+        the one that leaves least of the point's residual.
 
     Raises
     ------
@@ -75,13 +79,13 @@ def of_diagnosis(
         shapes = specimen.shapes(_own(values, index))
         correct_mesh(specimen, shapes)
         prediction = specimen.observe(shapes)
-    if not offsets:
+    if trust is None:
         return [prediction.displacement]
     used = np.isfinite(specimen.measured)
-    data = Data(specimen, np.ones(3), used)
-    share = shown(data, prediction)
-    offset = offsets_of(specimen.measured - prediction.displacement, used, share)
-    return [prediction.displacement + share[:, None, None] * offset]
+    away = np.abs(10.0 * specimen.recorded[:, None] - np.array(trust["judged_bar"]))
+    frames = np.array(trust["trust"])[away.argmin(axis=1)]
+    offset = offsets_of(specimen.measured - prediction.displacement, used, frames)
+    return [prediction.displacement + offset]
 
 
 def _own(values: Mapping[str, float], index: int) -> dict[str, float]:

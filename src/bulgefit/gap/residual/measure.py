@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from bulgefit.fitting.objective import displacement_weight
 from bulgefit.gap.data import FOLDS, Data
-from bulgefit.gap.keys import chain_factor, has_field, names_of, specimen_values
-from bulgefit.gap.normal import offsets_change, offsets_of, shown
+from bulgefit.gap.keys import by_value, has_offsets, names_of, specimen_values
+from bulgefit.gap.normal import offsets_of
 from bulgefit.gap.regress import Regression
 
 __all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
@@ -55,21 +55,16 @@ def held_out_gap(data: Sequence[Data], fit: Regression, weight: float) -> Gap:
     """Gap on each fold under the fit without it."""
     residuals = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
-        names, places = names_of(fit.keys, index, len(data) > 1)
+        names, places = names_of(fit.keys, index)
         there = d.specimen.predict(specimen_values(fit.values, index), names, p.shapes)
-        derivative = there.derivative
-        if has_field(fit.keys, index):
-            derivative = derivative + offsets_change(d, there, names)
-        chain = np.array([chain_factor(n, p.shapes.values) for n in names])
+        chain = np.array([by_value(n, p.shapes.values) for n in names])
         judged = np.full(p.displacement.shape, np.nan)
         for fold in range(FOLDS):
             held = d.blocks.held(fold)
             step = fit.normal.step_without(fold)[places] * chain
-            moved = d.specimen.measured - p.displacement - np.tensordot(step, derivative, 1)
-            if has_field(fit.keys, index):
-                share = shown(d, p)
-                offset = offsets_of(moved, d.used & ~held[..., None], share)
-                moved -= share[:, None, None] * offset
+            moved = d.specimen.measured - p.displacement - np.tensordot(step, there.derivative, 1)
+            if has_offsets(fit.keys, index):
+                moved -= offsets_of(moved, d.used & ~held[..., None], d.share)
             judged[held] = moved[held]
         residuals.append(np.where(d.used, judged, np.nan))
     return gap_of(residuals, [d.sigma for d in data], weight)

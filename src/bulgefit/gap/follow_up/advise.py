@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.further import Further
+from bulgefit.effects.parameter import Key
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.evidence.coordinates import effect_of, is_field
 from bulgefit.gap.explain import Explanation
-from bulgefit.gap.keys import specimen_values
+from bulgefit.gap.keys import parameter_of, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
 
 __all__ = ["Advice", "advise"]
 
 Floats = NDArray[np.float64]
-
-#: Standard error (mm) of a shape measured without pressure.
-SHAPE_ERROR = 0.05
 
 
 @dataclass(frozen=True)
@@ -57,33 +56,32 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
         return []
     first, second = pair
     d = data[0]
-    names = [*MODULI, *_first_group(first), *_first_group(second)]
+    keys = [*MODULI, *_first_group(first), *_first_group(second)]
     rival = len(_first_group(second))
-    size = np.array([_plausible(name) for name in names[len(names) - rival :]])
+    size = np.array([_plausible(key) for key in keys[len(keys) - rival :]])
     here = found.final.predictions[0].shapes
-    base = _normal(d, d.specimen, found, names, near=here)
+    base = _normal(d, d.specimen, found, keys, near=here)
     options: dict[str, Callable[[], Floats]] = {
         "this test alone": lambda: base,
         "low-pressure frames (0.005 to 0.05 bar)": lambda: (
-            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), found, names)
+            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), found, keys)
         ),
         "rim points (0.95 to 0.99 of the radius)": lambda: (
-            base + _normal(d, _with_rim_points(d), found, names, near=here)
+            base + _normal(d, _with_rim_points(d), found, keys, near=here)
         ),
         "specimen rotated by 90° in the clamp": lambda: (
-            base + _normal(d, d.specimen, found, names, turned=True)
+            base + _normal(d, d.specimen, found, keys, turned=True)
         ),
-        "static images (four times the frames' precision at rest)": lambda: (
-            base + _camera_prior(names)
-        ),
-        "shape at zero pressure": lambda: base + _shape_prior(names),
-        "hold at the highest pressure": lambda: base + _only(names, "creep", 1e4),
-        "unloading branch": lambda: base + _only(names, "creep", 1e3) + 0.5 * base,
+        Further.AT_REST: lambda: base + _told(keys, Further.AT_REST),
+        Further.SHAPE: lambda: base + _told(keys, Further.SHAPE),
+        Further.HOLD: lambda: base + _told(keys, Further.HOLD),
+        # half as many frames again, too
+        Further.UNLOADING: lambda: base + _told(keys, Further.UNLOADING) + 0.5 * base,
     }
     ranked = []
     for name, normal in options.items():
         with suppress(BulgefitError):  # where nothing balances, there is nothing to measure
-            ranked.append(Advice(name, _separation(normal(), size, d.inflation), pair))
+            ranked.append(Advice(str(name), _separation(normal(), size, d.inflation), pair))
     return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
 
 
@@ -101,22 +99,21 @@ def _leading(found: Explanation) -> tuple[str, str] | None:
     return (effect_of(doubted), max(rest, key=lambda e: rest[e])) if rest else None
 
 
-def _first_group(effect: str) -> tuple[str, ...]:
-    return CATALOGUE[effect].groups()[0]
+def _first_group(effect: str) -> tuple[Key, ...]:
+    return tuple(Key.of(name) for name in CATALOGUE[effect].groups()[0])
 
 
-def _plausible(name: str) -> float:
+def _plausible(key: Key) -> float:
     """A tenth of the plausible range of an effect's parameter."""
-    effect, _, parameter = name.partition(".")
-    (found,) = (p for p in CATALOGUE[effect].parameters if p.name == parameter)
-    return 0.1 * (found.upper - found.lower)
+    parameter = parameter_of(key)
+    return 0.1 * (parameter.upper - parameter.lower)
 
 
 def _normal(
     d: Data,
     specimen: Specimen,
     found: Explanation,
-    names: Sequence[str],
+    keys: Sequence[Key],
     *,
     near: Shapes | None = None,
     turned: bool = False,
@@ -124,14 +121,12 @@ def _normal(
     """Normal matrix of a (further) measurement with the final model's parameters."""
     values = specimen_values(found.final.values, 0)
     if turned:
-        values = {
-            **values,
-            "axis_misalignment.angle": values.get("axis_misalignment.angle", 0) + 90,
-        }
-    rows = specimen.predict(values, names, near).derivative / d.sigma
+        angle = next(Key(e.id, e.turn).name for e in CATALOGUE.values() if e.turn)
+        values = {**values, angle: values.get(angle, 0.0) + 90.0}
+    rows = specimen.predict(values, [key.name for key in keys], near).derivative / d.sigma
     if specimen is d.specimen:
         rows = np.where(d.used, rows, 0.0)
-    flat = rows.reshape(len(names), -1)
+    flat = rows.reshape(len(keys), -1)
     return flat @ flat.T
 
 
@@ -144,7 +139,7 @@ def _with_rim_points(d: Data) -> Specimen:
     angle = np.linspace(0, 2 * np.pi, 120, endpoint=False)
     ring = np.concatenate(
         [
-            share * d.specimen.test.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+            share * d.specimen.test.semi_axes * np.stack([np.cos(angle), np.sin(angle)], axis=1)
             for share in (0.95, 0.97, 0.99)
         ]
     )
@@ -162,6 +157,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         np.zeros((len(pressure), len(points), 3)),
         pressure,
         radius=specimen.test.radius,
+        ellipticity=specimen.test.ellipticity,
         thickness=specimen.test.thickness,
         poisson_ratio=specimen.test.poisson_ratio,
         time=time,
@@ -169,25 +165,16 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
     return specimen.of(made)
 
 
-def _prior(names: Sequence[str], errors: dict[str, float]) -> Floats:
-    return np.diag([1.0 / errors[n] ** 2 if n in errors else 0.0 for n in names])
-
-
-def _camera_prior(names: Sequence[str]) -> Floats:
-    """Images at rest show a moved frame directly: 0.005 degree, 0.005 mm."""
-    return _prior(names, {n: 0.005 for n in names if n.startswith("rigid_motion")})
-
-
-def _shape_prior(names: Sequence[str]) -> Floats:
-    """A measured shape fixes the initial shape, and what the reference image already showed."""
-    return _prior(
-        names,
-        {n: SHAPE_ERROR for n in names if n.startswith(("initial_shape", "reference_state.z"))},
-    )
-
-
-def _only(names: Sequence[str], effect: str, weight: float) -> Floats:
-    return np.diag([weight if n.startswith(effect) else 0.0 for n in names])
+def _told(keys: Sequence[Key], by: Further) -> Floats:
+    """Normal matrix of a measurement that tells parameters directly."""
+    errors = {
+        Key(effect.id, name): told.error
+        for effect in CATALOGUE.values()
+        for told in effect.told
+        if told.by is by
+        for name in told.names
+    }
+    return np.diag([errors[key] ** -2 if key in errors else 0.0 for key in keys])
 
 
 def _separation(h: Floats, size: Floats, inflation: float) -> float:

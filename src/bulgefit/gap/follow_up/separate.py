@@ -8,16 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.gap.effects import CATALOGUE, MODULI
+from bulgefit.effects.parameter import Key
+from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.explain import Known
-from bulgefit.gap.keys import effect_of
 
-__all__ = ["Pair", "cosine_matrix", "indistinguishable", "norms_left"]
+__all__ = ["STIFFNESS", "Pair", "cosine_matrix", "indistinguishable", "norms_left"]
 
 Floats = NDArray[np.float64]
 
 #: Cosine from which a pair is reported.
 ALIKE = 0.9
+#: What an effect that no test can tell apart is paired with: the moduli together.
+STIFFNESS = "stiffness"
 
 
 @dataclass(frozen=True)
@@ -28,31 +30,32 @@ class Pair:
     cosine: float
 
 
-def _projected(known: Known, keys: Sequence[str]) -> tuple[Floats, Floats]:
-    """Normal matrix of `keys` with the moduli projected out, and their norms before."""
+def _projected(known: Known, keys: Sequence[Key]) -> tuple[Floats, Floats]:
+    """Normal matrix of `keys` with the moduli projected out, and their norms before.
+
+    And with what specimens scatter by, which together may go against the moduli.
+    """
     h = known.hessian
-    base = [known.keys.index(m) for m in MODULI]
+    base = [place for place, key in enumerate(known.keys) if key.effect not in CATALOGUE]
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]
     across = h[np.ix_(base, index)]
-    left = whole - across.T @ np.linalg.solve(h[np.ix_(base, base)], across)
+    left = whole - across.T @ np.linalg.pinv(h[np.ix_(base, base)], hermitian=True) @ across
     return left, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 
-def norms_left(known: Known, keys: Sequence[str]) -> dict[str, float]:
+def norms_left(known: Known, keys: Sequence[Key]) -> dict[Key, float]:
     """Share of each signature's norm that the moduli cannot absorb."""
     left, before = _projected(known, keys)
     return dict(zip(keys, (np.sqrt(np.maximum(np.diag(left), 0.0)) / before).tolist(), strict=True))
 
 
-def _first_groups(known: Known) -> dict[str, list[str]]:
+def _first_groups(known: Known) -> dict[str, list[Key]]:
     """Effects with the keys of their smallest group that are known."""
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, list[Key]] = {}
     for key in known.keys:
-        effect = effect_of(key)
-        name = key.partition("@")[0]
-        if effect and name in CATALOGUE[effect].groups()[0]:
-            groups.setdefault(effect, []).append(key)
+        if key.effect in CATALOGUE and key.name in CATALOGUE[key.effect].groups()[0]:
+            groups.setdefault(key.effect, []).append(key)
     return groups
 
 

@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explain import Explanation
-from bulgefit.gap.keys import columns_of, own_key, start_of
-from bulgefit.gap.measure import Gap, gap_of, noise_gap
+from bulgefit.gap.keys import is_shared, start_of
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
+from bulgefit.gap.scatter import of_the_cloth
 
 __all__ = ["HeldOutTest", "judge_held_out"]
 
@@ -36,7 +38,7 @@ class HeldOutTest:
         Pressures of the frames that its own parameters were fitted on, and of those judged.
     baseline, explained, noise_floor : Gap
         On the judged frames: with the others' moduli alone; with all that was found; noise alone.
-    parameters : dict of key to {"value", "stderr"}
+    parameters : dict of name to {"value", "stderr"}
         The specimen's own.
     """
 
@@ -86,10 +88,7 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
         _gap(judged, alone, weight),
         _gap(judged, full, weight),
         noise_gap([judged], weight),
-        {
-            key: {"value": float(full.values[key]), "stderr": float(errors[key])}
-            for key in columns_of(own)
-        },
+        {key.name: {"value": float(full.values[key]), "stderr": float(errors[key])} for key in own},
     )
 
 
@@ -99,31 +98,31 @@ def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
     return replace(data, used=used)
 
 
-def _divided(final: Regression) -> tuple[dict[str, float], tuple[str, ...]]:
-    """What the specimens share, by value, and the names of what is each one's own.
+def _divided(final: Regression) -> tuple[dict[Key, float], tuple[Key, ...]]:
+    """What the specimens share, by value, and what is each one's own, as this one has it.
 
-    With a single specimen nothing says by its name whose it is; the catalogue does.
+    Of several, what no one owns is the cloth's or the rig's; the factors of those are about its
+    mean.
     """
-    own: dict[str, None] = {}
-    shared = {}
-    for key, value in final.values.items():
-        name = key.partition("@")[0]
-        if own_key(name, 0, several=True) == name:
-            shared[name] = value
-        elif key in final.keys:
-            own[name] = None
-    return shared, tuple(own)
+    several = len(final.predictions) > 1
+
+    def common(key: Key) -> bool:
+        return is_shared(key) or (several and key.specimen is None)
+
+    shared = {k: value for k, value in of_the_cloth(final.values).items() if common(k)}
+    own = (key._replace(specimen=None) for key in final.columns if not common(key))
+    return shared, tuple(dict.fromkeys(own))
 
 
 def _fitted(
-    prepared: Prepared, fixed: dict[str, float], own: Sequence[str], frames: NDArray[np.bool_]
+    prepared: Prepared, fixed: dict[Key, float], own: Sequence[Key], frames: NDArray[np.bool_]
 ) -> Regression:
     """The specimen's own parameters fitted to some frames, and again with the mesh's error off.
 
     Noise is no part of the fit: it comes from all frames.
     """
     prepared.data.specimen.correction = None
-    start = {**fixed, **{name: start_of(name, [prepared.data]) for name in own}}
+    start = {**fixed, **{key: start_of(key, [prepared.data]) for key in own}}
     fit = regress([_frames_of(prepared.data, frames)], own, start)
     renew(prepared, fit, 0)
     return regress(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression
 
-__all__ = ["Mode", "azimuthal_modes", "growth_shapes"]
+__all__ = ["Growth", "Mode", "azimuthal_modes", "growth_shapes"]
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +20,24 @@ ORDERS = (0, 1, 2, 3, 4)
 #: Share of an amplitude's sum of squares that the law it follows may miss.
 FOLLOWED = 0.05
 _NAMES = ("radial", "hoop", "dz")
+
+
+class Growth(StrEnum):
+    """How an amplitude goes with pressure: in short, and in words."""
+
+    CONSTANT = "constant", "constant in pressure"
+    CUBE_ROOT = "p^(1/3)", "growing like the bulge itself, as p^(1/3)"
+    LINEAR = "growing", "growing in proportion to pressure"
+    MIXED = "mixed", "changing with pressure in no simple way"
+    NONE = "within noise", "within the noise"
+
+    words: str
+
+    def __new__(cls, short: str, words: str) -> Growth:
+        """A member that is its short name."""
+        member = str.__new__(cls, short)
+        member._value_, member.words = short, words
+        return member
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +53,7 @@ class Mode:
     amplitude : (frames,) array, mm
         Of the residual's mode at the annulus 0.3 to 0.9 of the radius, signed along the mode's
         mean direction.
-    growth : str
-        "constant", "p^(1/3)", "growing", "mixed" where none of them follows, or "within noise".
+    growth : Growth
     noise : float, mm
         Standard error of an amplitude.
     """
@@ -45,7 +63,7 @@ class Mode:
     order: int
     pressure: Floats
     amplitude: Floats
-    growth: str
+    growth: Growth
     noise: float
 
 
@@ -107,19 +125,23 @@ def _amplitudes(field: Floats, angle: Floats) -> list[Floats]:
     return pairs
 
 
-def growth_shapes(bars: Floats) -> dict[str, Floats]:
+def growth_shapes(bars: Floats) -> dict[Growth, Floats]:
     """How an amplitude may go with pressure."""
-    return {"constant": np.ones_like(bars), "p^(1/3)": np.cbrt(bars), "growing": bars}
+    return {
+        Growth.CONSTANT: np.ones_like(bars),
+        Growth.CUBE_ROOT: np.cbrt(bars),
+        Growth.LINEAR: bars,
+    }
 
 
-def _growth(bars: Floats, amplitude: Floats, error: float) -> str:
+def _growth(bars: Floats, amplitude: Floats, error: float) -> Growth:
     """Which of constant, p^(1/3) or a line through zero the amplitude follows; or none of them."""
     if np.abs(amplitude).max() < 3.0 * error:
-        return "within noise"
+        return Growth.NONE
     misfit = {
         name: float(((amplitude - shape * (shape @ amplitude) / (shape @ shape)) ** 2).sum())
         for name, shape in growth_shapes(bars).items()
     }
     best = min(misfit, key=lambda name: misfit[name])
     missed = misfit[best] - len(bars) * error**2
-    return best if missed < FOLLOWED * float(amplitude @ amplitude) else "mixed"
+    return best if missed < FOLLOWED * float(amplitude @ amplitude) else Growth.MIXED

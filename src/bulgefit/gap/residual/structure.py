@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import has_field
-from bulgefit.gap.normal import shown
+from bulgefit.gap.keys import has_offsets
 from bulgefit.gap.regress import Regression
-from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Cell", "Structure", "cells_of", "structure"]
 
@@ -106,11 +104,11 @@ def structure(data: Sequence[Data], fit: Regression) -> Structure:
         cells += cells_of(d, residual)
         residual = residual[np.argsort(d.specimen.recorded, kind="stable")]
         # an offset of every point takes away what persists of the noise as well
-        offsets = has_field(fit.keys, index)
+        offsets = has_offsets(fit.keys, index)
         of_noise = 0.0 if offsets else d.persistent
         shares.append(_persistent(d, residual, of_noise))
         smooth_shares.append(
-            _beside_offsets(d, p, residual) if offsets else _smooth(d, residual, of_noise)
+            _beside_offsets(d, residual) if offsets else _smooth(d, residual, of_noise)
         )
     persistent, allowed = max(shares, key=lambda pair: pair[0] - pair[1])
     smooth, by_chance = max(smooth_shares, key=lambda pair: pair[0] - pair[1])
@@ -143,18 +141,18 @@ def _products(ordered: Floats) -> Floats:
     return np.asarray(product[np.isfinite(product)])
 
 
-def _beside_offsets(data: Data, prediction: Prediction, ordered: Floats) -> tuple[float, float]:
+def _beside_offsets(data: Data, ordered: Floats) -> tuple[float, float]:
     """Mean product beyond what offsets of points leave of the noise's, and chance's limit.
 
-    Taking h Σhn/Σh² off the noise n of a point leaves E[n_f n_g] = -h_f h_g/Σh². Products are
-    correlated by the square of the noise's correlation ρ, and 2 Σρ² < Σρ over the other points
-    (`bulgefit.dic.noise`: ρ falls with exp(-d/length) or faster).
+    Taking Σt²n/Σt² off the noise n of a point, of variance 1/t² where t is the trust in the frame,
+    leaves E[n_f n_g] = -1/Σt². Products are correlated by the square of the noise's correlation ρ,
+    and 2 Σρ² < Σρ over the other points (`bulgefit.dic.noise`: ρ falls with exp(-d/length) or
+    faster).
     """
     product = _products(ordered)
     if len(product) < _FEW:
         return 0.0, 1.0
-    h = shown(data, prediction)[np.argsort(data.specimen.recorded, kind="stable")]
-    taken = float((h[1:] * h[:-1]).mean() / (h**2).sum())
+    taken = 1.0 / float((data.share**2).sum())
     inflation = 0.5 * (1.0 + data.inflation)
     return float(product.mean()) + taken, SMOOTH_CHANCE * float(np.sqrt(inflation / len(product)))
 

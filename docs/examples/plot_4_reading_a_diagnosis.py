@@ -1,0 +1,64 @@
+"""
+Reading a diagnosis
+===================
+
+The clamp of this test slips, and the model does not know it. Where does it miss, and why?
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import bulgefit
+
+home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+whole = bulgefit.read_test(home / "data" / "example_slip.npz")
+
+# %%
+# Every third point and every second frame is enough here, and three times as fast.
+(block,) = whole.blocks
+test = bulgefit.BulgeTest.from_arrays(
+    block.reference[::3],
+    block.displacement[::2, ::3],
+    whole.pressure[::2],
+    name="slips",
+    radius=whole.radius,
+    thickness=whole.thickness,
+)
+
+# %%
+# A fit alone
+# -----------
+# The moduli look like moduli. That the misfit is several times the noise is all that gives the
+# matter away; the cloth was made with E1 = 352.1, E2 = 181.4 and G12 = 12.4 MPa.
+alone = bulgefit.fit(test, starts=1)
+print(alone.report())
+
+# %%
+# The diagnosis
+# -------------
+# All known effects are freed together under what is physically plausible, beside a field for each
+# place of the test (cloth, clamp, shape, load, cameras), and dropped again one by one as long as
+# the evidence rises. What is left is sure, or said not to be.
+found = bulgefit.diagnose(test)
+print(found.verdict)
+for cause in found.causes:
+    print(f"{cause.effect}: probability {cause.probability:.3f}")
+    for parameter in cause.parameters:
+        print("  ", parameter)
+
+assert found.verdict == "named"
+assert [cause.effect for cause in found.causes] == ["clamp_slip"]
+
+# %%
+# A fit with the cause
+# --------------------
+# Now the moduli are those of the cloth.
+result = bulgefit.fit(test, effects=["clamp_slip"], starts=1)
+print(result.report())
+
+truth = {"E1": 352.1, "E2": 181.4, "G12": 12.4}
+for name, true in truth.items():
+    low, high = result.uncertainty.interval95[name]
+    assert abs(result.material.values[name] - true) < 2.0 * (high - low)
+assert np.isclose(result.effects["clamp_slip.compliance"], 0.0321, rtol=0.02)

@@ -1,0 +1,1 @@
+"""What a lab of its own adds to bulgefit: an effect, a law and a reader."""

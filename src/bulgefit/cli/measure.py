@@ -1,0 +1,199 @@
+"""bulgefit measure: what does the measurement say of the fabric without any model?"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bulgefit.cli import _common
+from bulgefit.cli.tests_in import add_reader_arguments, files_read, tests_from
+from bulgefit.errors import InputError
+
+if TYPE_CHECKING:
+    from bulgefit.dic.surface.measured import Measured
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "strain, curvature and stress as measured, without a model"
+
+_TABLES = ("apex", "rings", "fields", "rim")
+_FIGURES = ("apex", "rings", "fields")
+#: Lines of the printed table.
+_LINES = 12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the verb and its options."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.description = (
+        "Strain (Hencky) and curvature of a bulge test from the measured points alone, by least\n"
+        "squares over windows of them, and what balances the pressure: the mean tension\n"
+        "p/(k_xx + k_yy) and stress at each place, and meridian and hoop tension around rings.\n"
+        "Every number has its standard error by the noise of the test. Strain has no unit,\n"
+        "curvature 1/mm, tension N/mm, stress MPa, pressure bar."
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  bulgefit measure test.npz\n"
+        "  bulgefit measure test.npz --window 20 --csv tables --plots figures\n"
+        "  bulgefit measure test.npz --json -"
+    )
+    parser.add_argument("test", metavar="TEST", help="bulge test: a file, or a folder of frames")
+    parser.add_argument(
+        "--window",
+        type=float,
+        metavar="MM",
+        help="radius of the windows (default: the one with the smallest expected error)",
+    )
+    add_reader_arguments(parser)
+    _common.add_json_arguments(parser)
+    parser.add_argument(
+        "--csv",
+        metavar="FOLDER",
+        help=f"write {', '.join(f'{name}.csv' for name in _TABLES)} into this folder (made if "
+        "needed)",
+    )
+    parser.add_argument(
+        "--plots",
+        metavar="FOLDER",
+        help=f"draw {', '.join(f'{name}.png' for name in _FIGURES)} into this folder (made if "
+        "needed)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write, draw and print."""
+    files = _files(args)
+    _common.check_outputs(args, files_read([args.test]), files)
+    (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
+
+    from bulgefit.dic.surface.measured import measure
+
+    found = measure(test, window=args.window)
+    payload = {
+        **found.to_dict(),
+        "source": test.source,
+        "checksum": test.checksum,
+        "versions": _common.versions(),
+    }
+    works = [partial(_write, args, found)] if files else []
+    _common.deliver(args, payload, _table(found), *works)
+    return 0
+
+
+def _files(args: argparse.Namespace) -> list[Path]:
+    """What --csv and --plots write; refused where it cannot be."""
+    from bulgefit.files import check_folder, check_output
+
+    files = []
+    for folder, names, suffix in ((args.csv, _TABLES, "csv"), (args.plots, _FIGURES, "png")):
+        if folder is None:
+            continue
+        check_folder(folder)
+        named = [Path(folder) / f"{name}.{suffix}" for name in names]
+        if Path(folder).is_dir():
+            for path in named:
+                check_output(path, args.force)
+        files += named
+    return files
+
+
+def _write(args: argparse.Namespace, found: Measured) -> None:
+    from bulgefit.files import atomic_write_text
+    from bulgefit.report.measured import plot_apex, plot_measured, plot_rings
+
+    if args.csv is not None:
+        folder = _made(args.csv)
+        for name, table in found.tables().items():
+            rows = [",".join(table)]
+            rows += [",".join(f"{v:.9g}" for v in row) for row in zip(*table.values(), strict=True)]
+            text = "\n".join(rows) + "\n"
+            atomic_write_text(folder / f"{name}.csv", text, args.force)
+        _common.progress(args, f"wrote the tables of {found.name} into {folder}")
+    if args.plots is not None:
+        folder = _made(args.plots)
+        plot_apex(found, folder / "apex.png", force=args.force)
+        plot_rings(found, folder / "rings.png", force=args.force)
+        plot_measured(found, folder / "fields.png", force=args.force)
+        _common.progress(args, f"drew {', '.join(_FIGURES)} into {folder}")
+
+
+def _made(name: str) -> Path:
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror})") from error
+    return folder
+
+
+def _table(found: Measured) -> str:
+    import numpy as np
+
+    apex = found.apex
+    lines = [_noise(found), "at the apex:"]
+    lines.append(
+        f"{'bar':>8}{'strain xx':>20}{'strain yy':>20}{'radius, mm':>18}{'tension, N/mm':>20}"
+        f"{'stress, MPa':>18}"
+    )
+    order = np.argsort(found.pressure, kind="stable")
+    shown = order[np.unique(np.linspace(0, len(order) - 1, _LINES).astype(int))]
+    for i in shown:
+        bent = apex.curvature[i, 0, 0] + apex.curvature[i, 0, 1]
+        radius = 2.0 / bent
+        of_radius = radius * apex.tension_noise[i, 0] / apex.tension[i, 0]
+        lines.append(
+            f"{10 * found.pressure[i]:>8.4g}"
+            f"{_pair(apex.strain[i, 0, 0], apex.strain_noise[i, 0, 0], 5):>20}"
+            f"{_pair(apex.strain[i, 0, 1], apex.strain_noise[i, 0, 1], 5):>20}"
+            f"{_pair(radius, of_radius, 1):>18}"
+            f"{_pair(apex.tension[i, 0], apex.tension_noise[i, 0], 3):>20}"
+            f"{_pair(apex.stress[i, 0], apex.stress_noise[i, 0], 2):>18}"
+        )
+    lines += _rings(found, int(order[-1])) + _rim(found)
+    lines.append(
+        "tension at the apex is the mean p/(k_xx + k_yy); how it differs between warp and fill is\n"
+        "not told by the shape, but by a fit"
+    )
+    return "\n".join(lines)
+
+
+def _noise(found: Measured) -> str:
+    if found.noise is None:
+        return f"{found.name}: windows of radius {found.window:.3g} mm; the noise is not known"
+    sigma = ", ".join(f"{value:.2g}" for value in found.noise.sigma)
+    return (
+        f"{found.name}: windows of radius {found.window:.3g} mm; noise of dx, dy, dz {sigma} mm "
+        f"by {found.noise.source}; ± is one standard error by that noise"
+    )
+
+
+def _rings(found: Measured, frame: int) -> list[str]:
+    rings = found.rings
+    lines = [f"around rings at {10 * found.pressure[frame]:.4g} bar (meridian, hoop):"]
+    lines.append(f"{'radius, mm':>12}{'tension, N/mm':>22}{'':>20}{'strain':>20}")
+    for i, radius in enumerate(rings.radius):
+        pairs = zip(rings.tension[frame, i], rings.tension_noise[frame, i], strict=True)
+        tension = "".join(f"{_pair(*pair, 3):>21}" for pair in pairs)
+        pairs = zip(rings.strain[frame, i], rings.strain_noise[frame, i], strict=True)
+        lines.append(f"{radius:>12.4g}" + tension + "".join(f"{_pair(*p, 5):>21}" for p in pairs))
+    return lines if len(rings.radius) else []
+
+
+def _rim(found: Measured) -> list[str]:
+    import numpy as np
+
+    if found.rim_rotation is None or found.rim_shift is None:
+        return ["rim: too few points to tell its motion"]
+    turn = np.rad2deg(np.nanmax(np.linalg.norm(found.rim_rotation, axis=1)))
+    shift = np.nanmax(np.linalg.norm(found.rim_shift, axis=1))
+    return [f"rim: turns by up to {turn:.3g} degrees and shifts by up to {shift:.3g} mm"]
+
+
+def _pair(value: float, error: float, digits: int) -> str:
+    if not abs(value) < float("inf"):
+        return "-"
+    sure = f" ± {error:.{digits}f}" if error < float("inf") else ""
+    return f"{value:.{digits}f}{sure}"

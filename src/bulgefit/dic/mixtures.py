@@ -1,0 +1,43 @@
+"""How many frames were recorded, of those that a file holds? The others are mixtures of them.
+
+Fields that were interpolated to common pressures are linear mixtures of fewer recorded ones, to
+the last digit: their rank is the number of those.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+
+__all__ = ["independent_frames"]
+
+#: Recorded frames have noise of their own, so that singular values (rms, mm) stay at it and then
+#: fall to rounding. Those of computed fields fall on and on, by 10 to 50 from one to the next, as
+#: the coefficients of a smooth path do.
+_FALL = 100.0
+#: No camera resolves 10 nm, a ten thousandth of a pixel of 0.1 mm: what lies below is no noise.
+_NOISE = 1e-5
+#: Values of a frame that are looked at: many times the frames there are.
+_MOST_VALUES = 6000
+
+
+def independent_frames(test: BulgeTest) -> int:
+    """Frames that are no mixtures of the others; all of them where that cannot be told.
+
+    By the points that all frames have; an image at rest, where nothing has moved, counts.
+    """
+    if len(test.blocks) != 1:
+        return test.n_frames
+    (block,) = test.blocks
+    moved = np.asarray(block.displacement, dtype=np.float64)
+    still = ~np.nan_to_num(moved).any(axis=(1, 2))
+    moved = moved[~still]
+    values = moved[:, np.isfinite(moved).all(axis=(0, 2))].reshape(len(moved), -1)
+    values = values[:, :: max(1, values.shape[1] // _MOST_VALUES)]
+    if len(values) < 2 or values.shape[1] < 2 * len(values):
+        return test.n_frames
+    sizes = np.linalg.svd(values, compute_uv=False) / np.sqrt(values.shape[1])
+    falls = (sizes[1:] < _NOISE) & (sizes[:-1] > _NOISE) & (sizes[1:] * _FALL < sizes[:-1])
+    rank = int(np.argmax(falls)) + 1 if falls.any() else len(sizes)
+    return rank + int(still.sum())

@@ -1,0 +1,1 @@
+"""What does the measurement say without any model? Strain, curvature and what balances them."""

@@ -1,0 +1,223 @@
+"""What does a bulge test say of the fabric without any model?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.noise import Noise, noise_of
+from bulgefit.dic.rim_motion import rim_motions
+from bulgefit.dic.surface.choose import best_window
+from bulgefit.dic.surface.local import Surface, surface_of
+from bulgefit.dic.surface.rings import Rings, rings_of
+from bulgefit.dic.surface.tables import Table, tables_of
+from bulgefit.dic.surface.windows import fewest_points
+from bulgefit.errors import InputError
+
+__all__ = ["Measured", "measure", "noise_in_windows"]
+
+Floats = NDArray[np.float64]
+
+#: Version of the layout of the JSON.
+FORMAT = 1
+
+#: Distance of places and rings over the window's radius: neighbours share most of their points.
+_APART = 0.25
+#: Half a window stays between a place and the edge of what was measured.
+_EDGE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Strain, curvature, tension and stress as measured, with their noise.
+
+    Attributes
+    ----------
+    name : str
+    pressure : (frames,) array, MPa
+    thickness : float, mm
+    window : float, mm
+        Radius of the windows over which the measured points are averaged.
+    noise : Noise or None
+        Of the displacements; None where the test does not tell, and the errors are then NaN.
+        Where it is correlated, errors are upper bounds.
+    apex : Surface
+        Of one place, the clamp's centre.
+    surface : Surface
+        At places a quarter of a window apart, or those that were asked for.
+    rings : Rings
+        A quarter of a window apart, from half a window outwards.
+    rim_rotation, rim_shift : (frames, 3) arrays, rad, mm, or None
+        Rigid motion of the rim (`bulgefit.dic.rim_motion`); None where points are too few to tell.
+    """
+
+    name: str
+    pressure: Floats
+    thickness: float
+    window: float
+    noise: Noise | None
+    apex: Surface
+    surface: Surface
+    rings: Rings
+    rim_rotation: Floats | None
+    rim_shift: Floats | None
+
+    def tables(self) -> dict[str, Table]:
+        """Columns of the tables apex, rings, fields and rim, such as strain_xx_noise_1."""
+        return tables_of(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Apex, rings and rim as JSON types, columns as in `tables`; fields stand there alone."""
+        noise = self.noise
+        known = None
+        if noise is not None:
+            known = {
+                "sigma_mm": noise.sigma.tolist(),
+                "effective_points_per_point": 1.0 / noise.inflation,
+                "source": noise.source,
+            }
+        return {
+            "format": FORMAT,
+            "name": self.name,
+            "thickness_mm": self.thickness,
+            "window_mm": self.window,
+            "noise": known,
+            **{
+                name: {column: values.tolist() for column, values in table.items()}
+                for name, table in self.tables().items()
+                if name != "fields"
+            },
+        }
+
+
+def measure(
+    test: BulgeTest, *, window: float | None = None, points: ArrayLike | None = None
+) -> Measured:
+    """Strain, curvature, tension and stress of a test by geometry and equilibrium alone.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    window : float, mm, optional
+        Radius of the windows; by default the one with the smallest expected error of
+        strain and curvature, of noise and of what the window smooths away (`surface.choose`).
+    points : (c, 2) array_like, mm, optional
+        Places before inflation at which the fields are told; by default all over the measured
+        part, a quarter of a window apart.
+
+    Raises
+    ------
+    InputError
+        The window or the places cannot be, the points are too few, or the test does not tell its
+        noise and no window was given.
+    """
+    noise = noise_of(test)
+    sigma = np.full(3, np.nan) if noise is None else noise_in_windows(noise)
+    where = test.source or test.name
+    if window is None:
+        if noise is None:
+            raise InputError(
+                f"{where}: has too few points to tell its noise, from which the window would "
+                "follow; give a window in mm"
+            )
+        window = best_window(test, sigma)
+    if not isinstance(window, (int, float, np.number)):
+        raise InputError(f"{where}: give the window as a number in mm, not {window!r}")
+    if not 0.0 < window <= test.radius:
+        raise InputError(
+            f"{where}: a window of {window:g} mm cannot be; give a radius above 0 and up to the "
+            f"clamp's {test.radius:g} mm"
+        )
+    apex = surface_of(test, np.zeros((1, 2)), window, sigma)
+    places = _places(test, window) if points is None else _given(points, test.radius)
+    surface = surface_of(test, places, window, sigma)
+    if not np.isfinite(surface.strain).any():
+        raise InputError(
+            f"{where}: no window of {window:g} mm has the {fewest_points()} points that it takes; "
+            "give a wider one"
+        )
+    rotation, shift = _rim(test)
+    return Measured(
+        name=test.name,
+        pressure=np.asarray(test.pressure, dtype=np.float64),
+        thickness=test.thickness,
+        window=float(window),
+        noise=noise,
+        apex=apex,
+        surface=surface,
+        rings=rings_of(test, _radii(test, window), window, sigma),
+        rim_rotation=rotation,
+        rim_shift=shift,
+    )
+
+
+def noise_in_windows(noise: Noise) -> Floats:
+    """Of independent points with which a mean is as unsure as with the test's noise, (3,) mm.
+
+    Where the noise of neighbours goes together, that is an upper bound: slopes and curvature hear
+    less of what is even over the window than a mean does, by a factor of up to three where the
+    correlation is a quarter of the window.
+    """
+    return np.asarray(noise.sigma * np.sqrt(noise.inflation))
+
+
+def _rim(test: BulgeTest) -> tuple[Floats | None, Floats | None]:
+    try:
+        rotation, shift = rim_motions(test)
+    except InputError:  # too few points
+        return None, None
+    return np.asarray(rotation, dtype=np.float64), np.asarray(shift, dtype=np.float64)
+
+
+def _given(points: ArrayLike, radius: float) -> Floats:
+    try:
+        places = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        places = np.empty(0)
+    if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
+        raise InputError("points: give an array of (x, y) in mm, one row a place")
+    if (np.hypot(*places.T) > radius).any():
+        raise InputError(
+            f"points: some lie outside the clamp, beyond {radius:g} mm from its centre"
+        )
+    return places
+
+
+def _measured_points(test: BulgeTest) -> Floats:
+    """In the plane, (n, 2) mm: those that some frame saw."""
+    seen = [block.reference[block.measured.any(axis=0), :2] for block in test.blocks]
+    return np.concatenate(seen).astype(np.float64)
+
+
+def _places(test: BulgeTest, window: float) -> Floats:
+    """A square grid over the measured points' convex hull, off its edge."""
+    points = _measured_points(test)
+    count = int(test.radius / (_APART * window))
+    ticks = _APART * window * np.arange(-count, count + 1)
+    grid = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+    return grid[_inside(grid, points, _EDGE * window)]
+
+
+def _inside(places: Floats, points: Floats, edge: float) -> NDArray[np.bool_]:
+    """Whether places lie within the convex hull of the points, at least `edge` from its sides."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        sides = ConvexHull(points).equations
+    except (QhullError, ValueError):  # points in a line, or next to none
+        return np.zeros(len(places), dtype=bool)
+    return np.asarray((places @ sides[:, :2].T + sides[:, 2] <= -edge).all(axis=1))
+
+
+def _radii(test: BulgeTest, window: float) -> Floats:
+    """From half a window outwards, as far as whole rings were measured."""
+    radii = 0.5 * window + _APART * window * np.arange(int(test.radius / (_APART * window)))
+    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = _measured_points(test)
+    whole = [bool(_inside(r * circle, points, _EDGE * window).all()) for r in radii]
+    return np.asarray(radii[whole], dtype=np.float64)

@@ -1,0 +1,24 @@
+"""Were the frames recorded, or interpolated from fewer?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.mixtures import independent_frames
+from bulgefit.dic.suspicions.suspicion import Suspicion
+
+__all__ = ["about_mixtures"]
+
+
+def about_mixtures(test: BulgeTest) -> Iterator[Suspicion]:
+    """Frames that are linear mixtures of others."""
+    recorded = independent_frames(test)
+    if recorded < test.n_frames:
+        yield Suspicion(
+            "frames_interpolated",
+            f"the {test.n_frames} frames are linear mixtures of {recorded}: displacement was "
+            "interpolated, between frames that are far apart by tenths of a millimetre wrongly",
+            "give the frames as they were recorded, with their own pressures; bulgefit diagnose "
+            f"counts these as {recorded}",
+        )

@@ -1,0 +1,1 @@
+"""Where does the model miss, how large is the gap, and is what is left more than noise?"""

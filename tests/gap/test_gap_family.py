@@ -1,0 +1,97 @@
+"""Two specimens of one cloth: what is the cloth's, what each has of its own, and what is told."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import InputError
+from bulgefit.fitting.problem import Prior
+from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.specimen import Specimen
+
+MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
+FACTORS = ((1.05, 0.97), (0.95, 1.03))
+SIGMA = np.array([0.006, 0.006, 0.012])
+
+
+def made(points: np.ndarray, index: int, effect: dict[str, float]) -> BulgeTest:
+    """A specimen free of the mesh's error to second order."""
+    pressure = np.linspace(0.01, 0.2, 8)
+    blank = BulgeTest.from_arrays(points, np.zeros((8, len(points), 3)), pressure)
+    warp, fill = FACTORS[index]
+    moduli = {**MODULI, "E1": MODULI["E1"] * warp, "E2": MODULI["E2"] * fill}
+    fine, finer = (
+        Specimen(blank, refine=n).predict({**moduli, **effect}).displacement for n in (6, 9)
+    )
+    seen = finer + (finer - fine) / ((9 / 6) ** 2 - 1)
+    noise = np.random.default_rng(index).normal(size=seen.shape) * SIGMA
+    return BulgeTest.from_arrays(points, seen + noise, pressure, name=f"specimen {index}")
+
+
+@pytest.fixture(scope="module")
+def told(grid) -> dict[str, Any]:
+    slack = {"prestrain.slack_x": 0.004}
+    tests = [made(grid(11.0), 0, slack), made(grid(11.0), 1, {})]
+    found = diagnose(tests, effects=("prestrain", "clamp_shape"), same_rig=True)
+    return json.loads(json.dumps(found.to_dict()))
+
+
+def test_the_moduli_are_the_mean_specimens(told: dict[str, Any]) -> None:
+    for axis, name in enumerate(("E1", "E2")):
+        true = MODULI[name] * np.sqrt(FACTORS[0][axis] * FACTORS[1][axis])
+        value = told["parameters"]["corrected"][name]
+        # what both factors and the modulus could exchange is no error of the modulus
+        assert value["stderr"] < 0.002 * true
+        assert abs(value["value"] - true) < 4.0 * value["stderr"]
+        law = told["law"]
+        side = ("warp_N_per_mm", "fill_N_per_mm")[axis]
+        expected = 0.81 * value["value"] * np.array(law["strain"])
+        np.testing.assert_allclose(law[side], expected, rtol=1e-9)
+    assert "secant" not in told["parameters"]["corrected"]
+
+
+def test_each_specimen_has_its_factors(told: dict[str, Any]) -> None:
+    for specimen, factors in zip(told["specimens"], FACTORS, strict=True):
+        for axis, name in enumerate(("E1", "E2")):
+            mean = np.sqrt(FACTORS[0][axis] * FACTORS[1][axis])
+            own = specimen["factors"][name]
+            assert abs(own["value"] - factors[axis] / mean) < 4.0 * own["stderr"]
+    for name in ("E1", "E2"):
+        assert 0.02 < told["scatter"][name] < 0.12
+        assert 0.0 < told["scatter"]["stderr"][name] < told["scatter"][name]
+
+
+def test_the_cause_is_one_specimens(told: dict[str, Any]) -> None:
+    """Factors are no causes."""
+    (cause,) = told["causes"]
+    assert (told["verdict"], cause["effect"], cause["specimen"]) == ("named", "prestrain", 0)
+    assert told["specimens"][0]["effects"] == ["prestrain"]
+    assert told["specimens"][1]["effects"] == []
+    slack = cause["parameters"]["slack_x@0"]
+    assert abs(slack["value"] - 0.004) < 4.0 * slack["stderr"]
+
+
+def test_priors_are_of_moduli(grid) -> None:
+    test = made(grid(11.0), 0, {})
+    with pytest.raises(InputError, match=r"prior: clamp_slip\.compliance is none of E1, E2, G12"):
+        diagnose(test, priors={"clamp_slip.compliance": Prior(0.01, 0.01)})
+    with pytest.raises(InputError, match="prior of E1: give a value and a deviation above 0"):
+        diagnose(test, priors={"E1": Prior(300.0, 0.0)})
+
+
+def test_a_prior_is_heeded(grid) -> None:
+    """As sure as the data, it meets them half way, by the errors of both."""
+    test = made(grid(11.0), 1, {})
+    free = diagnose(test, effects=()).to_dict()["parameters"]["corrected"]["E1"]
+    believed = Prior(free["value"] + 4.0 * free["stderr"], free["stderr"])
+    found = diagnose(test, effects=(), priors={"E1": believed}).to_dict()
+    held = found["parameters"]["corrected"]["E1"]
+    assert held["value"] - free["value"] == pytest.approx(2.0 * free["stderr"], rel=0.1)
+    assert held["stderr"] == pytest.approx(free["stderr"] / np.sqrt(2.0), rel=0.05)
+    assert found["scatter"] is None
+    assert found["specimens"] == []
