@@ -44,7 +44,7 @@ class Known:
         inflation: float = 1.0,
         end: float = np.inf,
     ) -> None:
-        self.groups, self.inflation = groups, inflation
+        self.groups, self.inflation, self.count = groups, inflation, len(measured)
         self._measured, self._curve, self._end = measured, curve, end
         self.solves = 0
 
@@ -263,14 +263,14 @@ def waves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     t = np.linspace(0.1, 1.0, 25)
     value = np.sin(2 * t * x[0]) + x[1] * t * np.cos(t * x[0])
     by = [2 * t * np.cos(2 * t * x[0]) - x[1] * t**2 * np.sin(t * x[0]), t * np.cos(t * x[0])]
-    return 30.0 * value, 30.0 * np.stack(by, axis=1)
+    return 0.3 * value, 0.3 * np.stack(by, axis=1)
 
 
 def test_a_rough_descent_ends_where_what_is_left_is_nothing():
     """Within the standard deviation √(2 p) of χ² of the optimum, and short of it."""
-    noise = 100.0 * np.random.default_rng(3).normal(size=25)
+    noise = np.random.default_rng(3).normal(size=25)
     measured = waves(np.array([1.4, 0.5]))[0] + noise
-    problem = Known([group("a", [1.0, 1.0])], measured, waves, inflation=100.0**2 / 3.0)
+    problem = Known([group("a", [1.0, 1.0])], measured, waves, inflation=1.0 / 3.0)
     layout = Layout.of(problem.groups)
     fits = [
         descend(problem, layout, layout.whole(), np.array([2.5, 1.0]), roughly=roughly)
@@ -279,6 +279,28 @@ def test_a_rough_descent_ends_where_what_is_left_is_nothing():
     exact, rough = (f.here.square / problem.inflation + (f.x**2).sum() for f in fits)
     assert fits[1].steps < fits[0].steps
     assert exact < rough < exact + 2.0
+
+
+@pytest.mark.parametrize("lacking", [0.0, 300.0])
+def test_a_descent_ends_within_the_standard_errors_that_the_misfit_leaves(lacking):
+    """As soon beside something that no coordinate follows, and beside its errors as near."""
+    measured = waves(np.array([1.4, 0.5]))[0] + np.random.default_rng(3).normal(size=25)
+    rows = waves(np.array([1.4, 0.5]))[1]
+    unlike = np.linalg.qr(np.column_stack([rows, np.ones(25)]))[0][:, 2]
+    problem = Known([group("a", [1.0, 1.0])], measured + lacking * unlike, waves)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.array([2.5, 1.0]))
+    assert fit.converged
+    assert fit.steps <= 4
+    best = minimize(
+        lambda x: float(((problem._measured - waves(x)[0]) ** 2).sum() + x @ x),
+        fit.x,
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-9},
+    ).x
+    birge = max(1.0, fit.here.square / 25)
+    away = (fit.x - best) @ np.linalg.solve(fit.covariance, fit.x - best)
+    assert away < 0.05 * birge
 
 
 def test_a_soft_direction_among_stiff_ones_is_held_within_reach():

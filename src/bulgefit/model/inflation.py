@@ -228,15 +228,22 @@ class Inflation:
         given: Description,
         values: dict[str, float],
         changes: Mapping[str, Change],
-        near: Shapes | None,
+        guesses: Floats | None,
         threads: int,
     ) -> Shapes:
-        """Every frame balanced at its own pressure; raises SolveError."""
+        """Every frame balanced at its own pressure; raises SolveError.
+
+        Parameters
+        ----------
+        guesses : (frames, n, 3) array, mm, or None
+            Displacements near balance; default: those of a rough path.
+        """
         membrane = self.membrane(given)
         pressure = np.asarray(given.load.balanced, dtype=float)
         rest = pressure <= 0.0
         pressure = np.maximum(pressure, LEAST_PRESSURE)
-        guesses = self._guesses(membrane, given, pressure, values, near)
+        if guesses is None:
+            guesses = self._guesses(membrane, given, pressure, values)
         guesses[:, membrane.fixed] = 0.0
         if given.lift is not None:
             guesses[:, self.mesh.rim, 2] = given.lift
@@ -269,16 +276,8 @@ class Inflation:
         given: Description,
         pressure: Floats,
         values: dict[str, float],
-        near: Shapes | None,
     ) -> Floats:
-        """Displacements (frames, n, 3) near balance: from a neighbour, or from a rough path."""
-        if near is not None:
-            guess = near.displacement.copy()
-            for name, change in near.derivative.items():
-                step = values.get(name, 0.0) - near.values.get(name, 0.0)
-                if step != 0.0:
-                    guess += step * change
-            return guess
+        """Displacements (frames, n, 3) near balance, from a rough path."""
         low, high = float(pressure.min()), float(pressure.max())
         path = trace_by_quarter(
             membrane,

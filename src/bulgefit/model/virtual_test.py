@@ -145,7 +145,17 @@ class VirtualTest:
             return self.inflation.along_path(here, given, changes)
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
-        return self.inflation.balanced(here, given, changes, near, self.threads)
+        guesses = None if near is None else self._ahead(near, given)
+        return self.inflation.balanced(here, given, changes, guesses, self.threads)
+
+    def _ahead(self, near: Shapes, values: Values) -> Floats:
+        """Displacements (frames, n, 3) that a neighbour's derivatives lead to."""
+        guess = near.displacement.copy()
+        for name, change in near.derivative.items():
+            step = self._value(name, values) - self._value(name, near.values)
+            if step != 0.0:
+                guess += step * change
+        return guess
 
     def _described(
         self, values: Values, names: Iterable[str]

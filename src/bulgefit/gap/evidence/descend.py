@@ -17,8 +17,9 @@ __all__ = ["Fit", "descend"]
 Floats = NDArray[np.float64]
 
 STEPS = 40
-#: What a step must promise or gain to be worth a solve, on the scale of -2 ln Z: with less no
-#: combination of parameters is off by more than a quarter of its standard error.
+#: What a step must promise or gain to be worth a solve, on the scale of -2 ln Z, where the noise is
+#: all there is (`_misfit`): with less no combination of parameters is off by more than a quarter of
+#: its standard error.
 _SETTLED = 0.05
 #: Prior widths by which a first step may move any coordinate, and where no step is left.
 _REACH, _LEAST_REACH = 2.0, 1e-6
@@ -82,6 +83,10 @@ def descend(
     step ends on its slope. Where it lands, the derivatives of its start lead back to the bottom
     (`_landed`), and only there are they found anew.
 
+    It ends where no step promises to matter beside the standard errors. Those are the noise's times
+    the root of the misfit's mean square (Birge, 1932, "The calculation of errors by the method of
+    least squares"): what a model lacks keeps its parameters from the truth by as much.
+
     Parameters
     ----------
     problem : Problem
@@ -107,7 +112,7 @@ def descend(
     x = np.array(layout.null)
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
-    settled = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
+    least = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
     reach, converged, taken = _REACH, False, 1
     while taken < steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
@@ -115,7 +120,7 @@ def descend(
         promised = 2.0 * slope @ step - step @ matrix @ step
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
         unheld = size < _USED * reach
-        if promised < (settled if unheld else _SETTLED):
+        if promised < (_misfit(problem, here) * least if unheld else _SETTLED):
             converged = unheld
             break
         landed = _landed(problem, layout, here, step, damped)
@@ -129,11 +134,16 @@ def descend(
         if landed is not None and gained > 0.0:
             here = problem.linearise(landed.x, columns, landed.near)
             taken += 1
-            if unheld and 0.25 * promised < gained < settled:
+            if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
                 break
     found = laplace(here, layout, columns, problem.inflation)
     return Fit(model, here.light(), found.score, found.covariance, converged, taken)
+
+
+def _misfit(problem: Problem, here: Linearised) -> float:
+    """Mean square of the residual in noise units; 1 or more."""
+    return max(here.square / problem.count, 1.0)
 
 
 def _step(
@@ -191,12 +201,12 @@ def _landed(
     if there is None:
         return None
     value, slope, _ = quadratic(there, layout, columns, inflation)
-    before = float(np.linalg.norm(step / width))
+    before, settled = float(np.linalg.norm(step / width)), _SETTLED * _misfit(problem, here)
     for _ in range(_CORRECTIONS):
         lower = layout.lower[columns] - there.x[columns]
         turn = _optimum(slope - forecast, damped, lower, width)
         size = float(np.linalg.norm(turn / width))
-        if turn @ damped @ turn < _SETTLED or size > _CONTRACTED * before:
+        if turn @ damped @ turn < settled or size > _CONTRACTED * before:
             break
         ahead = _at(problem, here, there.x[columns] + turn)
         if ahead is None:

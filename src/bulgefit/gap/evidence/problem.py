@@ -115,6 +115,8 @@ class Problem(Protocol):
     inflation : float
         Variance of a mean over that of independent noise: the sum of squares over it is -2 ln of
         the likelihood.
+    count : int
+        Values that are compared.
     """
 
     @property
@@ -122,6 +124,9 @@ class Problem(Protocol):
 
     @property
     def inflation(self) -> float: ...
+
+    @property
+    def count(self) -> int: ...
 
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """The misfit near x by some coordinates, in ascending order.

@@ -1,0 +1,51 @@
+"""Shapes found from a neighbour's: are they the same, and as soon found whatever the nulls are?"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.model.setup import Setup
+from bulgefit.model.virtual_test import VirtualTest
+
+MODULI = {"E1": 320.0, "E2": 210.0, "G12": 20.0}
+#: Parameters whose null is not zero, and the one that balances frame by frame.
+NAMES = ("prestrain.slack_x", "specimen_factor.warp", "specimen_factor.fill", "poisson_ratio.nu12")
+MOVED = {
+    "prestrain.slack_x": 1e-5,
+    "specimen_factor.warp": 0.9999,
+    "specimen_factor.fill": 1.0001,
+    "poisson_ratio.nu12": 0.2401,
+}
+
+
+def plain() -> VirtualTest:
+    at = np.array([[0.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
+    test = BulgeTest.from_arrays(at, np.zeros((2, 2, 3)), [0.1, 0.2], poisson_ratio=0.24)
+    return VirtualTest(test, Setup(refine=3, correct_mesh=False))
+
+
+@pytest.mark.parametrize("there_and_back", [False, True])
+def test_what_is_not_named_stands_at_its_null(
+    there_and_back: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The start is off by second order alone: no frame needs more than one factorisation."""
+    from bulgefit.model import inflation
+
+    virtual, spent = plain(), []
+    solve = inflation.solve
+
+    def counted(*args, **more):  # type: ignore[no-untyped-def]
+        found = solve(*args, **more)
+        spent.append(found.factorisations)
+        return found
+
+    here = {**MODULI, "prestrain.slack_x": 2e-5, **(MOVED if there_and_back else {})}
+    there = {**MODULI, **({"prestrain.slack_x": 2e-5} if there_and_back else MOVED)}
+    near = virtual.shapes(here, NAMES)
+    monkeypatch.setattr(inflation, "solve", counted)
+    found = virtual.shapes(there, near=near)
+    assert spent == [1, 1]
+    afresh = virtual.shapes(there)
+    np.testing.assert_allclose(found.displacement, afresh.displacement, atol=1e-7)
