@@ -45,4 +45,5 @@ assert 0.9 < result.quality.misfit_over_noise < 1.1
 # %%
 # Where model and test stand
 # --------------------------
-bulgefit.plot_profiles(test, result)
+# Measured profiles (markers) and what the fit makes of them (lines).
+prediction = bulgefit.predict(test, result.material)

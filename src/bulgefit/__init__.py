@@ -36,8 +36,12 @@ if TYPE_CHECKING:
     from bulgefit.report.measured import plot_apex as plot_apex
     from bulgefit.report.measured import plot_measured as plot_measured
     from bulgefit.report.measured import plot_rings as plot_rings
+    from bulgefit.report.paraview import write_paraview as write_paraview
+    from bulgefit.report.paraview import write_test_paraview as write_test_paraview
     from bulgefit.report.profiles import plot_profiles as plot_profiles
     from bulgefit.report.residuals import plot_residuals as plot_residuals
+    from bulgefit.report.show import animate as animate
+    from bulgefit.report.show import show as show
 
     __version__: str
 
@@ -48,6 +52,7 @@ _HOMES = {
     "Measured": "bulgefit.dic.surface.measured",
     "Mesh": "bulgefit.fem.mesh",
     "Simulation": "bulgefit.model.simulation",
+    "animate": "bulgefit.report.show",
     "bootstrap": "bulgefit.fitting.bootstrap",
     "crossval": "bulgefit.fitting.crossval",
     "diagnose": "bulgefit.gap.diagnosis",
@@ -67,7 +72,10 @@ _HOMES = {
     "plot_residuals": "bulgefit.report.residuals",
     "plot_rings": "bulgefit.report.measured",
     "read_test": "bulgefit.dic.readers",
+    "show": "bulgefit.report.show",
     "simulate": "bulgefit.model.simulation",
+    "write_paraview": "bulgefit.report.paraview",
+    "write_test_paraview": "bulgefit.report.paraview",
     "write_test": "bulgefit.dic.writers",
 }
 

@@ -19,6 +19,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
 from bulgefit.gap.keys import at_edge, specimen_values
 from bulgefit.gap.specimen import Specimen
+from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.parallel.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -98,6 +99,18 @@ def test_what_is_left_of_the_meshs_error_is_known(offset: Diagnosis) -> None:
     assert (prepared.mesh_error < 0.2 * prepared.discretisation).all()
     assert offset.to_dict()["gap"]["discretisation_mm"] == prepared.mesh_error.max()
     assert not offset.warnings
+
+
+def test_the_meshs_error_is_that_of_the_best_model(offset: Diagnosis) -> None:
+    """Not that of everything at once, by which moduli may be off by a standard error."""
+    (prepared,), final = offset.prepared, offset.explanation.final
+    specimen = prepared.data.specimen.of(prepared.data.specimen.test)
+    correct_mesh(specimen, final.predictions[0].shapes)
+    assert specimen.correction is not None
+    # 0.1 µm moves E2 and G12 by a fifth of their standard errors
+    np.testing.assert_allclose(prepared.data.specimen.correction, specimen.correction, atol=1e-5)
+    size = np.sqrt((specimen.correction**2).mean(axis=(0, 1)))
+    np.testing.assert_allclose(prepared.discretisation, size, atol=1e-5)
 
 
 def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:

@@ -359,6 +359,25 @@ def test_all_models_are_found_as_enumeration_ranks_them():
         assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
 
 
+def test_groups_without_a_say_make_no_end_of_models():
+    """Forty independent groups, of which two are at work, and differences that count for little.
+
+    All the 2^40 models hold some of the probability, but those of a group are its own.
+    """
+    rng = np.random.default_rng(12)
+    rows = 10.0 * np.linalg.qr(rng.normal(size=(60, 40)))[0]
+    measured = rows[:, 0] * 3.0 + rows[:, 1] * 1.5 + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(40)], rows, measured)
+    search = searched(problem)
+    assert explore(search, np.zeros(40)).model == freeze({"g0": 0, "g1": 0})
+    found = weighed(search.scores(100.0), 100.0, search.names)
+    for name, column in (("g0", 0), ("g1", 1)):
+        # a group alone: z² (1 - 1/101) is gained and ln 101 paid
+        worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
+        exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 100.0))
+        assert found.groups[name] == pytest.approx(exact, abs=0.01)
+
+
 def test_elimination_alone_is_trapped_where_growth_is_not():
     """Truth in a wide group, which five narrow ones together imitate.
 

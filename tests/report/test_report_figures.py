@@ -14,7 +14,7 @@ from bulgefit.dic import BulgeTest
 from bulgefit.dic.surface.measured import measure
 from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fem.mesh import disc
-from bulgefit.report import _figure, fields, profiles, residuals
+from bulgefit.report import _figure, _off_screen, profiles, residuals
 from bulgefit.report.fields import plot_fields
 from bulgefit.report.measured import plot_apex, plot_measured, plot_rings
 from bulgefit.report.profiles import plot_profiles
@@ -163,7 +163,7 @@ def test_spread_of_pressures():
 @pytest.fixture
 def opengl():
     try:
-        fields._require_opengl()
+        _off_screen.require_opengl()
     except BulgefitError as error:
         pytest.skip(str(error))
 
@@ -178,9 +178,9 @@ def test_picture(opengl, tmp_path, capsys):
 
 
 def test_no_opengl(monkeypatch, tmp_path):
-    monkeypatch.setattr(fields.sys, "platform", "linux")
+    monkeypatch.setattr(_off_screen.sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.setattr(fields, "_egl_devices", lambda: 0)
+    monkeypatch.setattr(_off_screen, "_egl_devices", lambda: 0)
     mesh = disc(100.0, 1)
     with pytest.raises(BulgefitError, match="apt-get install libegl1"):
         plot_fields(mesh.nodes, mesh.cells, np.zeros((len(mesh.nodes), 3)), tmp_path / "p.png")

@@ -27,6 +27,7 @@ VERBS = {
     "align": ("bulgefit.cli.align", "lay a raw cloud of points into the clamp's frame"),
     "info": ("bulgefit.cli.info", "show what a test holds and what looks wrong"),
     "measure": ("bulgefit.cli.measure", "strain and stress as measured, without a model"),
+    "show": ("bulgefit.cli.show", "picture, animation or ParaView files of a test"),
     "evaluate": ("bulgefit.cli.evaluate", "compare tests with a material: e, e_w, e_z"),
     "fit": ("bulgefit.cli.fit", "find the material parameters that fit tests best"),
     "batch": ("bulgefit.cli.batch", "fit each of several specimens, and show their spread"),

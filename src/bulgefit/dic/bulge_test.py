@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic import assemble
 from bulgefit.dic.check import check, increases
+from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.errors import InputError
 from bulgefit.parallel.parcels import sent_once
 
@@ -236,6 +238,74 @@ class BulgeTest:
             ellipticity=float(ellipticity),
         )
         return test._checked(crop, mends)
+
+    def __repr__(self) -> str:
+        low, high = 10.0 * float(self.pressure.min()), 10.0 * float(self.pressure.max())
+        return (
+            f"BulgeTest({self.name!r}: {self.n_frames} frames from {low:.4g} to {high:.4g} bar, "
+            f"{self.n_points} points, {self.n_measured} measured, radius {self.radius:g} mm, "
+            f"thickness {self.thickness:g} mm)"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the test is, without its points, as JSON types."""
+        return {
+            "name": self.name,
+            "frames": self.n_frames,
+            "points": self.n_points,
+            "measured": self.n_measured,
+            "pressure_bar": (10.0 * self.pressure).tolist(),
+            "time_s": None if self.time is None else self.time.tolist(),
+            "apex_mm": [float(w) if np.isfinite(w) else None for w in self.apex_displacement],
+            "radius_mm": self.radius,
+            "thickness_mm": self.thickness,
+            "poisson_ratio": self.poisson_ratio,
+            "source": self.source,
+            "sha256": self.checksum,
+            "history": list(self.history),
+        }
+
+    def to_dataframe(self) -> Any:
+        """A row a measured point and frame, lengths in mm; needs `bulgefit[pandas]`."""
+        parts = []
+        for frame in range(self.n_frames):
+            reference, displacement = self.frame(frame)
+            load = np.full((len(reference), 2), (frame, 10.0 * self.pressure[frame]))
+            parts.append(np.hstack([load, reference, displacement]))
+        columns = ["frame", "pressure_bar", "x_mm", "y_mm", "z_mm", "dx_mm", "dy_mm", "dz_mm"]
+        table = dict(zip(columns, np.concatenate(parts).T, strict=True))
+        return dataframe({**table, "frame": table["frame"].astype(np.int64)})
+
+    def to_xarray(self) -> Any:
+        """Displacement (mm) by frame, point and component, of a test of one block.
+
+        Needs `bulgefit[xarray]`.
+
+        Raises
+        ------
+        InputError
+            Frames have points of their own, or xarray is not installed.
+        """
+        if len(self.blocks) != 1:
+            raise InputError(
+                f"{self.name}: its frames have points of their own; to_dataframe takes such"
+            )
+        (block,) = self.blocks
+        return labelled(
+            block.displacement,
+            ("frame", "point", "component"),
+            {
+                "frame": block.frames,
+                "component": ["dx", "dy", "dz"],
+                "pressure_bar": ("frame", 10.0 * self.pressure[block.frames]),
+                **{f"{a}_mm": ("point", block.reference[:, i]) for i, a in enumerate("xyz")},
+            },
+            name="displacement",
+            unit="mm",
+        )
 
     @property
     def stretch(self) -> NDArray[np.float64]:

@@ -147,9 +147,20 @@ def parameter_named(name: str) -> Parameter:
 
 
 def chosen_effects(names: Iterable[str] | None) -> list[Effect]:
-    """Effects by id (default: all), in the catalogue's order; InputError for unknown ones."""
+    """Effects by id (default: all), in the catalogue's order; InputError for unknown ones.
+
+    Names in one string stand apart by commas.
+    """
     if names is None:
         return list(catalogue().values())
+    if isinstance(names, str):
+        names = [name.strip() for name in names.split(",")]
+    if not isinstance(names, Iterable):
+        raise InputError(f"effects: give names, such as clamp_slip, not {names!r}")
+    names = list(names)
+    for name in names:
+        if not isinstance(name, str):
+            raise InputError(f"effects: {name!r} is no name; give some such as clamp_slip")
     wanted = {_known(name, catalogue()).id for name in names}
     return [effect for effect in catalogue().values() if effect.id in wanted]
 

@@ -11,12 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
@@ -83,6 +85,12 @@ class Bootstrap:
             },
         }
 
+    def __repr__(self) -> str:
+        return self.report()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.report())}</pre>"
+
     def report(self) -> str:
         """The intervals to read."""
         lines = [
@@ -98,7 +106,7 @@ class Bootstrap:
 
 def bootstrap(
     found: FitResult,
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     *,
     replicates: int = 200,
     block: int | None = None,
@@ -115,7 +123,7 @@ def bootstrap(
     ----------
     found : FitResult
         Its objective, weights, bounds and setup are used.
-    tests : BulgeTest or sequence of BulgeTest
+    tests : BulgeTest, path, or sequence of them
         Those of the fit; frames are drawn within each.
     replicates : int
     block : int, optional
@@ -136,7 +144,7 @@ def bootstrap(
     BulgefitError
         No refit found an equilibrium.
     """
-    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    given = given_tests(tests)
     length = _block_length(given, block)
     if replicates < 1:
         raise InputError(f"bootstrap: give 1 or more replicates, got {replicates}")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import corrected_at_start, polished
@@ -26,7 +27,7 @@ __all__ = ["crossval"]
 
 
 def crossval(
-    tests: Sequence[BulgeTest],
+    tests: GivenTests,
     objective: str | None = None,
     *,
     options: FitOptions | None = None,
@@ -40,7 +41,7 @@ def crossval(
 
     Parameters
     ----------
-    tests : sequence of BulgeTest
+    tests : sequence of BulgeTest or path
         Two or more.
     objective, options, executor, workers, **changes
         As `fit` takes them; the weight of dz in e_w is that of all tests in every fold.
@@ -56,6 +57,7 @@ def crossval(
     InputError
         Fewer than two tests, or what a fit refuses.
     """
+    tests = given_tests(tests)
     if len(tests) < 2:
         raise InputError(f"cross-validation needs two tests or more, got {len(tests)}")
     if objective is not None:

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import SolveError
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
 from bulgefit.fitting.result import FORMAT, describe_tests, versions
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.parameters import Material, as_material
+from bulgefit.model.parameters import Material, as_effects, as_material
 from bulgefit.model.setup import Setup
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -19,7 +19,7 @@ __all__ = ["cross_table", "evaluate", "evaluate_resting"]
 
 
 def evaluate(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     material: Material | Mapping[str, float],
     *,
     effects: Mapping[str, float] | None = None,
@@ -46,7 +46,7 @@ def evaluate(
     objective = _objective(tests, weight, average, setup)
     made = as_material(material, objective.tests[0].poisson_ratio)
     with one_blas_thread():
-        parts = objective.parts(_shapes(objective, made, effects or {}))
+        parts = objective.parts(_shapes(objective, made, as_effects(effects)))
     payload = {"parameters": dict(made.values), **_payload(objective, parts)}
     return {**payload, "effects": dict(effects)} if effects else payload
 
@@ -71,7 +71,7 @@ def _own(effects: Mapping[str, float], test: int) -> dict[str, float]:
 
 
 def evaluate_resting(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     *,
     weight: float | Sequence[float] | None = None,
     average: str = "points",
@@ -83,7 +83,7 @@ def evaluate_resting(
 
 
 def cross_table(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     optima: Mapping[str, Material],
     *,
     weight: float | Sequence[float] | None = None,
@@ -119,12 +119,12 @@ def cross_table(
 
 
 def _objective(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     weight: float | Sequence[float] | None,
     average: str,
     setup: Setup | None,
 ) -> Objective:
-    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    given = given_tests(tests)
     return Objective(given, "e_w", setup, weight=weight, average=average)
 
 

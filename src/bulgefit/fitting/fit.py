@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import BulgefitError
 from bulgefit.fitting.minimise import Descent, descend
 from bulgefit.fitting.multistart import best_of, multistart
@@ -29,7 +30,7 @@ Floats = NDArray[np.floating]
 
 
 def fit(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     objective: str | None = None,
     *,
     options: FitOptions | None = None,
@@ -41,7 +42,7 @@ def fit(
 
     Parameters
     ----------
-    tests : BulgeTest or sequence of BulgeTest
+    tests : BulgeTest, path, or sequence of them
         Several are fitted together; the objective is their mean. What an effect does to one
         specimen is each test's own.
     objective : {"e_w", "e", "e_z", "likelihood"}, optional
@@ -63,7 +64,7 @@ def fit(
         Every evaluation of every start failed.
     """
     began = time.perf_counter()
-    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    given = given_tests(tests)
     if objective is not None:
         changes["objective"] = objective
     chosen = options_from(options, changes)

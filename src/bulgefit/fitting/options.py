@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any
@@ -12,6 +13,7 @@ from bulgefit.errors import InputError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.problem import Prior, Problem
+from bulgefit.model.parameters import as_values
 from bulgefit.model.setup import Setup
 
 __all__ = ["FitOptions", "options_from"]
@@ -85,6 +87,41 @@ class FitOptions:
         )
 
 
+#: What an option must be, where all else would fail without a word on it.
+_KINDS: Mapping[str, tuple[Any, str]] = {
+    **dict.fromkeys(("objective", "material", "average", "method"), (str, "a name")),
+    **dict.fromkeys(("bounds", "held", "priors", "uncertainty"), (Mapping, "a dict by name")),
+    **dict.fromkeys(("starts", "seed"), (int, "a whole number")),
+    **dict.fromkeys(("free", "effects"), (Iterable, "a name or a list of names")),
+    "setup": (Setup, "a Setup"),
+    "limits": (Limits, "Limits"),
+}
+
+
+def _check_kind(name: str, value: Any) -> None:
+    kind, words = _KINDS.get(name, (object, ""))
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: give {words}, not {value!r}")
+    if name in ("held", "uncertainty"):
+        as_values(value, name, "numbers by name")
+    elif name == "bounds":
+        for key, ends in value.items():
+            _check_numbers(f"bounds of {key}", ends, "a lower and an upper number", (2,))
+    elif name == "weight":
+        _check_numbers("weight", value, "a number, or three of dx, dy, dz", (1, 3))
+    elif name == "priors":
+        for key, prior in value.items():
+            if not isinstance(prior, Prior):
+                raise InputError(f"prior of {key}: give a Prior(mean, deviation), not {prior!r}")
+
+
+def _check_numbers(what: str, given: Any, words: str, counts: Sequence[int]) -> None:
+    values = list(given) if isinstance(given, Iterable) else [given]
+    real = all(isinstance(v, numbers.Real) and not isinstance(v, bool) for v in values)
+    if not real or len(values) not in counts:
+        raise InputError(f"{what}: give {words}, not {given!r}")
+
+
 def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitOptions:
     """Options with some changed; names that are given as one string count as a list of one.
 
@@ -101,7 +138,11 @@ def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitO
                 f"fit has no option {name!r}"
                 + (f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}")
             )
+    if not (options is None or isinstance(options, FitOptions)):
+        raise InputError(f"options: give FitOptions, or options by name, not {options!r}")
     given = {name: value for name, value in changes.items() if value is not None}
+    for name, value in given.items():
+        _check_kind(name, value)
     for name in ("free", "effects"):
         if isinstance(given.get(name), str):
             given[name] = tuple(part for part in given[name].split(",") if part)

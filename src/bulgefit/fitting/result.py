@@ -5,12 +5,14 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from html import escape
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.frames import dataframe
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.minimise import Descent
@@ -174,6 +176,13 @@ class FitResult:
             "versions": versions(),
         }
 
+    def to_dataframe(self) -> Any:
+        """A row a parameter: value, unit, error, interval and bounds; needs `bulgefit[pandas]`."""
+        rows = self.to_dict()["parameters"]
+        columns = ("value", "unit", "free", "stderr", "interval95", "lower", "upper", "at_bound")
+        table = {name: [row.get(name) for row in rows.values()] for name in columns}
+        return dataframe(table, index=list(rows))
+
     @property
     def _unit(self) -> str:
         return "1" if self.objective == LIKELIHOOD else "mm"
@@ -193,6 +202,12 @@ class FitResult:
         """Parameters that are not found well, in words."""
         words = self.quality.identifiability
         return [text for text in words.values() if "hardly" in text or "cannot" in text]
+
+    def __repr__(self) -> str:
+        return self.report()
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """The result to read."""

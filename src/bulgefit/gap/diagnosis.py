@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
@@ -154,6 +155,11 @@ class Diagnosis:
     holdout: HeldOutTest | None = None
     warnings: list[str] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        names = ", ".join(test.name for test in self.tests)
+        causes = "; ".join(f"{c.effect} {c.probability:.3g}" for c in self.causes) or "no causes"
+        return f"Diagnosis of {names}: {self.verdict} ({causes})"
+
     def to_dict(self) -> dict[str, Any]:
         """The diagnosis as JSON types."""
         start, rest = self.explanation.start, self.explanation.remainder
@@ -236,7 +242,7 @@ class Diagnosis:
 
 
 def diagnose(
-    tests: BulgeTest | Sequence[BulgeTest],
+    tests: GivenTests,
     *,
     holdout: BulgeTest | None = None,
     effects: Iterable[str] | None = None,
@@ -253,7 +259,7 @@ def diagnose(
 
     Parameters
     ----------
-    tests : BulgeTest or sequence of BulgeTest
+    tests : BulgeTest, path, or sequence of them
         Several are specimens of one cloth and judged together: they share its law, about which each
         has factors of its own along warp and fill; all other effects are each test's own.
     holdout : BulgeTest, optional
@@ -289,7 +295,7 @@ def diagnose(
         The baseline finds no equilibrium.
     """
     began = time.perf_counter()
-    given = [tests] if isinstance(tests, BulgeTest) else list(tests)
+    given = given_tests(tests)
     if not given:
         raise InputError("no bulge test was given")
     wanted = chosen_effects(effects)

@@ -32,7 +32,7 @@ from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import offsets_of_points
-from bulgefit.gap.prepare import Prepared, fix_units
+from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import Structure, structure
 from bulgefit.parallel.journal import kept
@@ -154,7 +154,8 @@ def explain(
     """Free all effects at once, take out what the evidence lets go, and weigh what is left.
 
     Noise, the mesh's error and the values in use are fixed by the fit of everything, before any
-    models are compared; the baseline is fitted again in these units.
+    models are compared. The mesh's error is found once more at the best model; that, the model
+    without each of its parts and the baseline are then fitted again.
 
     Parameters
     ----------
@@ -191,12 +192,14 @@ def explain(
     rough = _rough(whole, coordinates, layout, start, baseline)
     for index, p in enumerate(prepared):
         fix_units(p, rough.here.near[index])
-    baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
 
     plain, creased = _searched(whole, coordinates, layout, rough, say, thorough=thorough)
     search = creased or plain
     found = search.best
     say("the best model, by all points")
+    for index, p in enumerate(prepared):
+        correct_anew(p, found.here.near[index])
+    baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
     weighing = Weighing(whole, coordinates, search.problem.offsets)
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from bulgefit.fem.elasticity import (
     orthotropic_stiffness_derivative,
 )
 
-__all__ = ["MATERIALS", "Material", "as_material", "material"]
+__all__ = ["MATERIALS", "Material", "as_effects", "as_material", "as_values", "material"]
 
 Floats = NDArray[np.float64]
 
@@ -112,6 +114,7 @@ def material(kind: str, **values: float) -> Material:
             + (f"; missing: {', '.join(missing)}" if missing else "")
             + (f"; unknown: {', '.join(unknown)}" if unknown else "")
         )
+    as_values(values, "material", ", ".join(names))
     made = Material(kind, {n: float(values[n]) for n in names})
     made.stiffness()
     return made
@@ -134,11 +137,41 @@ def as_material(given: Material | Mapping[str, float], poisson_ratio: float) -> 
     """
     if isinstance(given, Material):
         return given
+    given = as_values(given, "material", "E1, E2 and G12 in MPa, or E, or E and G")
     if "E1" in given or "E2" in given:
         return material("orthotropic", **{"nu12": poisson_ratio, **given})
     if "G" in given:
         return material("isotropic-EG", **given)
     return material("isotropic", **{"nu": poisson_ratio, **given})
+
+
+def as_effects(given: Any) -> dict[str, float]:
+    """Effects' parameters by `effect.parameter`, none where None is given; InputError."""
+    return as_values({} if given is None else given, "effects", "effect.parameter to value")
+
+
+def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
+    """Numbers by name.
+
+    Parameters
+    ----------
+    given : mapping
+    what, such_as : str
+        What they are, and what could be given, for the message.
+
+    Raises
+    ------
+    InputError
+        It is no mapping, a name is no string, or a value no number.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"{what}: {given!r} names no values; give a dict of {such_as}")
+    for name, value in given.items():
+        if not isinstance(name, str):
+            raise InputError(f"{what}: {name!r} is no name; give a dict of {such_as}")
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise InputError(f"{what}: {name} must be a number, got {value!r}")
+    return dict(given)
 
 
 def parameters_of(kind: str) -> tuple[Parameter, ...]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.errors import InputError
 from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
-from bulgefit.model.parameters import Material, as_material
+from bulgefit.model.parameters import Material, as_effects, as_material
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 from bulgefit.parallel.threads import one_blas_thread
@@ -40,6 +40,10 @@ class Predicted:
     mesh_error: Floats | None
     stable: NDArray[np.bool_]
 
+    def __repr__(self) -> str:
+        shapes = ", ".join(str(block.shape) for block in self.blocks)
+        return f"Predicted(blocks of {shapes}; {int(self.stable.sum())} stable frames)"
+
     @property
     def displacement(self) -> Floats:
         """(frames, points, 3) mm, of a test of one block; InputError of others."""
@@ -49,7 +53,7 @@ class Predicted:
 
 
 def predict(
-    test: BulgeTest,
+    test: GivenTest,
     material: Material | Mapping[str, float],
     *,
     effects: Mapping[str, float] | None = None,
@@ -59,7 +63,7 @@ def predict(
 
     Parameters
     ----------
-    test : BulgeTest
+    test : BulgeTest or path
     material : Material or mapping
         Or E1, E2, G12 (MPa) of an orthotropic one (nu12 is the test's unless given), or E and nu,
         or E and G, of an isotropic one.
@@ -75,10 +79,11 @@ def predict(
     SolveError
         No equilibrium at the test's pressures.
     """
+    test = given_test(test)
     made = as_material(material, test.poisson_ratio)
     virtual = VirtualTest(test, setup)
     with one_blas_thread():
-        shapes = virtual.shapes({**made.constants(), **(effects or {})})
+        shapes = virtual.shapes({**made.constants(), **as_effects(effects)})
         correct_mesh(virtual, shapes)
         left = mesh_remainder(virtual, shapes)
         blocks = tuple(

@@ -26,7 +26,7 @@ from bulgefit.model.description import (
     describe,
     null_values,
 )
-from bulgefit.model.parameters import Material, material
+from bulgefit.model.parameters import Material, as_effects, as_values, material
 from bulgefit.model.richardson import richardson
 from bulgefit.model.smooth import smooth_value
 
@@ -81,6 +81,13 @@ class Simulation:
     seconds: float
     mesh_error_taken_off: float | None = None
     mesh_error: float | None = None
+
+    def __repr__(self) -> str:
+        loads = 10.0 * self.pressure
+        return (
+            f"Simulation({len(loads)} shapes from {loads.min():.4g} to {loads.max():.4g} bar, "
+            f"{len(self.mesh.nodes)} nodes, {self.membrane.law})"
+        )
 
     @property
     def mesh(self) -> Mesh:
@@ -191,7 +198,10 @@ def simulate(
     if not np.isfinite(angle):
         raise InputError(f"angle must be finite, got {angle:g} degree")
     if not isinstance(parameters, Material):
-        parameters = material("orthotropic", **parameters)
+        parameters = material(
+            "orthotropic", **as_values(parameters, "material", "E1, E2, G12 (MPa) and nu12")
+        )
+    effects = as_effects(effects)
     own = mesh is None
     if mesh is None:
         mesh = disc(radius, refine)
@@ -200,7 +210,7 @@ def simulate(
             "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
             "centre, with nodes inside"
         )
-    given = _described(mesh, parameters, loads, effects or {})
+    given = _described(mesh, parameters, loads, effects)
     membrane = Membrane(
         mesh,
         thickness,
@@ -216,7 +226,7 @@ def simulate(
         correction, left = None, None
         if own and correct_mesh:
             correction, left = _mesh_error(
-                membrane, radius, refine, found.displacement, parameters, effects or {}, loads,
+                membrane, radius, refine, found.displacement, parameters, effects, loads,
                 tolerance,
             )  # fmt: skip
         displacement = found.displacement if correction is None else found.displacement + correction
@@ -331,7 +341,10 @@ def _described(
 
 
 def _pressures(pressure: ArrayLike) -> Floats:
-    loads = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
+    try:
+        loads = np.atleast_1d(np.asarray(pressure, dtype=np.float64))
+    except (TypeError, ValueError):
+        raise InputError(f"pressure must be numbers in MPa, got {pressure!r}") from None
     if loads.ndim != 1 or len(loads) == 0:
         raise InputError(f"pressure must be a list of numbers, got the shape {loads.shape}")
     bad = loads[~(np.isfinite(loads) & (loads > 0.0))]

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.frames import dataframe
+from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.dic.noise import Noise, noise_of
 from bulgefit.dic.rim_motion import rim_motions
 from bulgefit.dic.surface.choose import best_window
@@ -18,7 +20,7 @@ from bulgefit.dic.surface.tables import Table, tables_of
 from bulgefit.dic.surface.windows import fewest_points
 from bulgefit.errors import InputError
 
-__all__ = ["Measured", "measure", "noise_in_windows"]
+__all__ = ["Measured", "chosen_window", "measure", "noise_in_windows"]
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +72,20 @@ class Measured:
         """Columns of the tables apex, rings, fields and rim, such as strain_xx_noise_1."""
         return tables_of(self)
 
+    def __repr__(self) -> str:
+        return (
+            f"Measured({self.name!r}: {len(self.pressure)} frames, windows of radius "
+            f"{self.window:.3g} mm, {len(self.surface.points)} places, {len(self.rings.radius)} "
+            "rings)"
+        )
+
+    def to_dataframe(self, table: str = "apex") -> Any:
+        """One of the `tables`; needs `bulgefit[pandas]`."""
+        found = self.tables()
+        if table not in found:
+            raise InputError(f"table {table!r} is unknown; choose from {', '.join(found)}")
+        return dataframe(found[table])
+
     def to_dict(self) -> dict[str, Any]:
         """Apex, rings and rim as JSON types, columns as in `tables`; fields stand there alone."""
         noise = self.noise
@@ -95,13 +111,13 @@ class Measured:
 
 
 def measure(
-    test: BulgeTest, *, window: float | None = None, points: ArrayLike | None = None
+    test: GivenTest, *, window: float | None = None, points: ArrayLike | None = None
 ) -> Measured:
     """Strain, curvature, tension and stress of a test by geometry and equilibrium alone.
 
     Parameters
     ----------
-    test : BulgeTest
+    test : BulgeTest or path
     window : float, mm, optional
         Radius of the windows; by default the one with the smallest expected error of
         strain and curvature, of noise and of what the window smooths away (`surface.choose`).
@@ -115,37 +131,24 @@ def measure(
         The window or the places cannot be, the points are too few, or the test does not tell its
         noise and no window was given.
     """
+    test = given_test(test)
     noise = noise_of(test)
+    window = chosen_window(test, noise, window)
     sigma = np.full(3, np.nan) if noise is None else noise_in_windows(noise)
-    where = test.source or test.name
-    if window is None:
-        if noise is None:
-            raise InputError(
-                f"{where}: has too few points to tell its noise, from which the window would "
-                "follow; give a window in mm"
-            )
-        window = best_window(test, sigma)
-    if not isinstance(window, (int, float, np.number)):
-        raise InputError(f"{where}: give the window as a number in mm, not {window!r}")
-    if not 0.0 < window <= test.radius:
-        raise InputError(
-            f"{where}: a window of {window:g} mm cannot be; give a radius above 0 and up to the "
-            f"clamp's {test.radius:g} mm"
-        )
     apex = surface_of(test, np.zeros((1, 2)), window, sigma)
     places = _places(test, window) if points is None else _given(points, test.radius)
     surface = surface_of(test, places, window, sigma)
     if not np.isfinite(surface.strain).any():
         raise InputError(
-            f"{where}: no window of {window:g} mm has the {fewest_points()} points that it takes; "
-            "give a wider one"
+            f"{test.source or test.name}: no window of {window:g} mm has the {fewest_points()} "
+            "points that it takes; give a wider one"
         )
     rotation, shift = _rim(test)
     return Measured(
         name=test.name,
         pressure=np.asarray(test.pressure, dtype=np.float64),
         thickness=test.thickness,
-        window=float(window),
+        window=window,
         noise=noise,
         apex=apex,
         surface=surface,
@@ -153,6 +156,26 @@ def measure(
         rim_rotation=rotation,
         rim_shift=shift,
     )
+
+
+def chosen_window(test: BulgeTest, noise: Noise | None, window: float | None) -> float:
+    """The window (mm) that is asked for, or the best one; InputError where there is none."""
+    where = test.source or test.name
+    if window is None:
+        if noise is None:
+            raise InputError(
+                f"{where}: has too few points to tell its noise, from which the window would "
+                "follow; give a window in mm"
+            )
+        return best_window(test, noise_in_windows(noise))
+    if not isinstance(window, (int, float, np.number)):
+        raise InputError(f"{where}: give the window as a number in mm, not {window!r}")
+    if not 0.0 < window <= test.radius:
+        raise InputError(
+            f"{where}: a window of {window:g} mm cannot be; give a radius above 0 and up to the "
+            f"clamp's {test.radius:g} mm"
+        )
+    return float(window)
 
 
 def noise_in_windows(noise: Noise) -> Floats:

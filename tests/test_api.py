@@ -1,0 +1,158 @@
+"""Do the public functions take what their users mean, and refuse the rest in one line?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bulgefit
+from bulgefit.errors import InputError
+
+EXAMPLE = Path(__file__).parents[1] / "data" / "example_bulge.npz"
+MODULI = {"E1": 330, "E2": 240, "G12": 30}
+
+
+@pytest.fixture(scope="module")
+def test():
+    return bulgefit.read_test(EXAMPLE).select(frames=slice(None, None, 7), points=None)
+
+
+#: Public functions of one argument that is a test, or tests.
+OF_TESTS = {
+    "fit": lambda given: bulgefit.fit(given),
+    "evaluate": lambda given: bulgefit.evaluate(given, MODULI),
+    "predict": lambda given: bulgefit.predict(given, MODULI),
+    "crossval": lambda given: bulgefit.crossval(given),
+    "diagnose": lambda given: bulgefit.diagnose(given),
+    "measure": lambda given: bulgefit.measure(given),
+    "show": lambda given: bulgefit.show(given),
+}
+NO_TESTS = (None, 3, 2.5, b"x.npz", object(), {"E1": 1}, np.zeros((3, 3)), "missing.npz", [None])
+
+
+@pytest.mark.parametrize("given", NO_TESTS, ids=lambda given: type(given).__name__)
+@pytest.mark.parametrize("name", OF_TESTS)
+def test_what_is_no_test(name, given):
+    with pytest.raises(InputError) as caught:
+        OF_TESTS[name](given)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+WRONG_MATERIALS = (
+    None, "E1", 300, ["E1", 300], {}, {"E1": 300}, {"E1": "stiff", "E2": 240, "G12": 30},
+    {"E1": None, "E2": 240, "G12": 30}, {"E1": True, "E2": 240, "G12": 30}, {1: 300},
+    {"E": 300, "E9": 3}, {"E1": float("nan"), "E2": 240, "G12": 30},
+    {"E1": -5, "E2": 240, "G12": 30},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("given", WRONG_MATERIALS, ids=str)
+@pytest.mark.parametrize("name", ["evaluate", "predict", "simulate"])
+def test_what_is_no_material(name, given, test):
+    function = getattr(bulgefit, name)
+    with pytest.raises(InputError):
+        function(given, [0.1]) if name == "simulate" else function(test, given)
+
+
+WRONG_EFFECTS = (
+    "clamp_slip", ["clamp_slip"], {"clamp_slip.compliance": "x"}, {"clamp_slip": 0.1}, {3: 4},
+    {"creep.speed": 1.0},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("effects", WRONG_EFFECTS, ids=str)
+@pytest.mark.parametrize("name", ["evaluate", "predict", "simulate"])
+def test_what_is_no_effect(name, effects, test):
+    what = ({**MODULI, "nu12": 0.24}, [0.1]) if name == "simulate" else (test, MODULI)
+    with pytest.raises(InputError):
+        getattr(bulgefit, name)(*what, effects=effects)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"objective": 3},
+        {"objective": "mse"},
+        {"material": "wood"},
+        {"material": 5},
+        {"bounds": "E1"},
+        {"bounds": 5},
+        {"bounds": {"E1": 5}},
+        {"bounds": {"E1": "ab"}},
+        {"held": "nu12"},
+        {"held": {"nu12": "x"}},
+        {"free": 5},
+        {"free": "nu13"},
+        {"effects": 5},
+        {"effects": "slip"},
+        {"priors": {"E1": 3}},
+        {"uncertainty": "thickness"},
+        {"weight": "much"},
+        {"average": "medians"},
+        {"setup": "fine"},
+        {"starts": "many"},
+        {"starts": 0},
+        {"seed": "x"},
+        {"method": 7},
+        {"method": "guess"},
+        {"limits": 5},
+        {"options": "quick"},
+        {"boundaries": {}},
+    ],
+    ids=str,
+)
+def test_what_is_no_option(options, test):
+    with pytest.raises(InputError):
+        bulgefit.fit(test, **options)
+
+
+@pytest.mark.parametrize("pressure", ["much", None, [], [[0.1]], [0.0], [np.nan], {"a": 1}])
+def test_what_is_no_pressure(pressure):
+    with pytest.raises(InputError):
+        bulgefit.simulate({**MODULI, "nu12": 0.24}, pressure)
+
+
+@pytest.mark.parametrize("effects", ["slip", 5, ["slip"], [5]])
+def test_what_is_no_candidate(effects, test):
+    with pytest.raises(InputError):
+        bulgefit.diagnose(test, effects=effects)
+
+
+def test_paths_stand_for_their_tests():
+    moduli = {**MODULI, "nu12": 0.24}
+    test = bulgefit.read_test(EXAMPLE)
+    by_path = bulgefit.evaluate(str(EXAMPLE), moduli)
+    assert by_path["e_w"] == bulgefit.evaluate([test], moduli)["e_w"]
+    assert by_path["sources"][0]["sha256"] == test.checksum
+
+
+def test_representations_are_short(test):
+    for shown in (test, bulgefit.measure(test, window=40.0), bulgefit.predict(test, MODULI)):
+        assert len(repr(shown)) < 400
+        assert "array" not in repr(shown)
+    assert "<pre>BulgeTest(&#x27;example_bulge&#x27;: 3 frames" in test._repr_html_()
+
+
+def test_tables_for_pandas_and_xarray(test):
+    pytest.importorskip("pandas")
+    table = test.to_dataframe()
+    assert len(table) == test.n_measured
+    last = table[table.frame == 2]
+    np.testing.assert_array_equal(last.dz_mm, test.frame(2)[1][:, 2])
+    apex = bulgefit.measure(test, window=40.0).to_dataframe()
+    assert apex.pressure_bar.tolist() == pytest.approx((10 * test.pressure).tolist())
+    assert (apex.stress_MPa > 0).all()
+    pytest.importorskip("xarray")
+    array = test.to_xarray()
+    assert array.dims == ("frame", "point", "component")
+    assert array.attrs["units"] == "mm"
+    seen = array.sel(frame=1, component="dz").to_numpy()
+    np.testing.assert_array_equal(seen, test.blocks[0].displacement[1, :, 2])
+
+
+def test_missing_extras_are_named(test, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(InputError, match=r"pip install \"bulgefit\[pandas\]\""):
+        test.to_dataframe()
