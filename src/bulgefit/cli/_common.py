@@ -35,6 +35,7 @@ __all__ = [
     "named_values",
     "prints_json",
     "progress",
+    "run_of",
     "solver_options",
     "step",
     "versions",
@@ -42,6 +43,8 @@ __all__ = [
     "write_json",
 ]
 
+#: Version of the JSON of verbs whose results tell no version of their own.
+FORMAT = 1
 #: nu12 where neither the command nor a test gives one: the published study's.
 USUAL_POISSON_RATIO = 0.24
 
@@ -279,6 +282,8 @@ def deliver(
         They write further files. Printing comes last, since a pipe that is closed ends all. Whoever
         was told to end while more was computed has no time left for them.
     """
+    if hasattr(args, "words"):  # a command line, and no part of one
+        payload = {"format": FORMAT, **payload, "run": run_of(args)}
     if isinstance(sys.exc_info()[1], KeyboardInterrupt):
         works = ()
     with ExitStack() as rest:  # what is put first is done last
@@ -326,6 +331,23 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value
+
+
+def run_of(args: argparse.Namespace) -> dict[str, Any]:
+    """How a result was made: command, date, versions, and how tests were read.
+
+    The command is that of a shell; relative paths in it are from the folder it ran in.
+    """
+    import shlex
+
+    from bulgefit.cli.tests_in import reading_of
+
+    return {
+        "command": shlex.join(["bulgefit", *args.words]),
+        "date": args.began,
+        "versions": versions(),
+        "reading": reading_of(args),
+    }
 
 
 def named_values(material: Material) -> dict[str, dict[str, Any]]:

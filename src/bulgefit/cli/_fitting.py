@@ -31,6 +31,7 @@ __all__ = [
     "inputs",
     "read_tests",
     "search_options",
+    "up_to",
 ]
 
 
@@ -160,8 +161,6 @@ def inputs(args: argparse.Namespace) -> list[Path]:
 
 def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
     """The tests of the command line, cut at --max-pressure."""
-    import numpy as np
-
     from bulgefit.cli.tests_in import tests_from
 
     if args.max_pressure is not None and not args.max_pressure > 0.0:
@@ -169,17 +168,20 @@ def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
     tests = tests_from(args)
     if args.max_pressure is None:
         return tests
-    limit = 0.1 * args.max_pressure
-    cut = []
-    for test in tests:
-        kept = np.flatnonzero(test.pressure <= limit)
-        if not len(kept):
-            raise InputError(
-                f"--max-pressure {args.max_pressure:g}: every frame of {test.name} lies above it "
-                f"(from {10 * test.pressure.min():.3g} bar)"
-            )
-        cut.append(test.select(frames=kept))
-    return cut
+    return [up_to(test, args.max_pressure) for test in tests]
+
+
+def up_to(test: BulgeTest, bar: float) -> BulgeTest:
+    """The test without its frames above a pressure (bar)."""
+    import numpy as np
+
+    kept = np.flatnonzero(test.pressure <= 0.1 * bar)
+    if not len(kept):
+        raise InputError(
+            f"--max-pressure {bar:g}: every frame of {test.name} lies above it "
+            f"(from {10 * test.pressure.min():.3g} bar)"
+        )
+    return test.select(frames=kept)
 
 
 def comparison_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> dict[str, Any]:

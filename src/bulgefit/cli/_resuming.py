@@ -19,7 +19,7 @@ __all__ = ["add_resume_arguments", "ready", "resumable"]
 #: Options that change nothing in what is computed.
 _BESIDE = (
     *("config", "save_config", "json", "force", "quiet", "workers", "scheduler", "resume"),
-    *("journal", "plots", "plot", "csv", "report", "output"),
+    *("journal", "plots", "plot", "csv", "report", "output", "words", "began"),
 )
 #: Options whose files are read beside the tests.
 _READ_BESIDE = ("mesh", "from_file")

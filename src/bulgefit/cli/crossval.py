@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from bulgefit.cli import _common, _fitting, _resuming
+from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -32,22 +33,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reader_arguments(parser)
     _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
+    add_report_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Cross-validate and print."""
     _resuming.ready(args)
-    _common.check_outputs(args, _fitting.inputs(args))
+    _common.check_outputs(args, _fitting.inputs(args), check_page(args))
     tests = _fitting.read_tests(args)
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
 
     from bulgefit.fitting.crossval import crossval
+    from bulgefit.fitting.result import describe_tests
 
     _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
             result = crossval(tests, args.objective, executor=executor, **options)
-        _common.deliver(args, result, _table(result))
+        result = {**result, "sources": describe_tests(tests)}
+        _common.deliver(args, result, _table(result), *page_of(args, result, tests))
     return 0
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli._effects import add_prior_argument, priors_from
+from bulgefit.cli.report import check_page, is_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
 
@@ -36,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = (
         "examples:\n"
-        "  bulgefit diagnose test1.npz --report report\n"
+        "  bulgefit diagnose test1.npz --report gap.html\n"
         "  bulgefit diagnose test1.npz test2.npz --max-pressure 2.5 --json gap.json\n"
         "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
         "  bulgefit diagnose test1.npz test2.npz test3.npz --same-rig --prior E1=700+-100\n"
@@ -90,8 +93,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reader_arguments(parser)
     parser.add_argument(
         "--report",
-        metavar="FOLDER",
-        help="draw figures and a summary in plain words into this folder (made if needed)",
+        metavar="FILE.html|FOLDER",
+        help="write one page of HTML that holds all it shows: what to use, where the gap lies, "
+        "maps by pressure, how it was made; it opens offline, from a mail, on a phone. A name that "
+        "does not end in .html is a folder (made if needed) for the page, figures and a summary in "
+        "Markdown (default: none)",
     )
     _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
@@ -108,14 +114,11 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     tests = _fitting.read_tests(args)
     holdout = _holdout(args, tests)
-    if args.report is not None:
-        from bulgefit.report.diagnosis import check_report
-
-        files = check_report([t.name for t in tests], args.report, args.force)
-        _common.check_outputs(args, _fitting.inputs(args), files)
+    _common.check_outputs(args, _fitting.inputs(args), _report_files(args, tests))
 
     from bulgefit.gap.diagnosis import diagnose
-    from bulgefit.report.diagnosis import report_text
+    from bulgefit.report._diagnosis_words import table
+    from bulgefit.report.record import record_of
 
     with _resuming.resumable(args, "diagnose", [*tests, *([holdout] if holdout else [])]):
         # threads would wait for each other: most of a refit is Python
@@ -134,15 +137,34 @@ def run(args: argparse.Namespace) -> int:
                 workers=1 if args.scheduler else workers,
                 say=partial(_common.step, args),
             )
-        works = [] if args.report is None else [partial(_draw, args, found)]
-        _common.deliver(args, found.to_dict(), report_text(found), *works)
+        record = record_of(found)
+        _common.deliver(args, record, table(record), *_works(args, found, record))
     return 0
 
 
-def _draw(args: argparse.Namespace, found: Diagnosis) -> None:
+def _report_files(args: argparse.Namespace, tests: list[BulgeTest]) -> Sequence[str | Path]:
+    """Files of --report; refused before the work where they cannot be."""
+    if args.report is None or is_page(args.report):
+        return check_page(args)
+    from bulgefit.report.diagnosis import check_report
+
+    return check_report([t.name for t in tests], args.report, args.force)
+
+
+def _works(
+    args: argparse.Namespace, found: Diagnosis, record: dict[str, Any]
+) -> list[Callable[[], None]]:
+    """What writes the page, or the folder, of --report."""
+    if args.report is None or is_page(args.report):
+        return page_of(args, record, found.tests)
+    return [partial(_draw, args, found, record)]
+
+
+def _draw(args: argparse.Namespace, found: Diagnosis, record: dict[str, Any]) -> None:
     from bulgefit.report.diagnosis import write_report
 
-    files = write_report(found, args.report, force=args.force)
+    told = {**record, "run": _common.run_of(args)}
+    files = write_report(found, args.report, record=told, force=args.force)
     _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _fitting, _resuming
+from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  bulgefit fit test1.npz\n"
         "  bulgefit fit test1.npz test2.npz --objective e --plots figures\n"
+        "  bulgefit fit test1.npz --report fit.html\n"
         "  bulgefit fit test1.npz --material isotropic --bounds E=100:400 --json result.json\n"
         "  bulgefit fit test1.npz --free nu12 --method L-BFGS-B --starts 10 --seed 3\n"
         "  bulgefit fit test1.npz --cross-table\n"
@@ -50,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reader_arguments(parser)
     _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
+    add_report_argument(parser)
     parser.add_argument(
         "--plots",
         metavar="FOLDER",
@@ -77,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
     _common.check_outputs(args, _fitting.inputs(args))
     tests = _fitting.read_tests(args)
     figures = _figure_names(args, [t.name for t in tests])
+    files = [path for pair in figures for path in pair]
+    _common.check_outputs(args, _fitting.inputs(args), [*files, *check_page(args)])
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
     _check_bootstrap(args, tests)
 
@@ -97,8 +102,10 @@ def run(args: argparse.Namespace) -> int:
         try:
             _extend(args, result, tests, options, payload, lines)
         finally:  # the fit is given whatever becomes of what was asked beside it
-            works = [partial(_draw, args, result, options["setup"], tests, figures)]
-            _common.deliver(args, payload, "\n".join(lines), *(works if figures else []))
+            works = page_of(args, payload, tests)
+            if figures:
+                works.append(partial(_draw, args, result, options["setup"], tests, figures))
+            _common.deliver(args, payload, "\n".join(lines), *works)
     return 0
 
 
@@ -191,7 +198,6 @@ def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path
     if folder.is_dir():
         for path in files:
             check_output(path, args.force)
-    _common.check_outputs(args, _fitting.inputs(args), files)
     return pairs
 
 

@@ -34,6 +34,7 @@ VERBS = {
     "crossval": ("bulgefit.cli.crossval", "fit with each test left out in turn"),
     "diagnose": ("bulgefit.cli.diagnose", "find where and why the model misses tests"),
     "trial": ("bulgefit.cli.trial", "check the diagnosis on made tests, their effect withheld"),
+    "report": ("bulgefit.cli.report", "draw the page of a result again from its JSON"),
 }
 
 BAD_INPUT, BROKEN_PIPE = 2, 141
@@ -108,6 +109,7 @@ def _dispatch(words: list[str]) -> int:
     parser = _verb_parser(verb, module)
     args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
+    args.words, args.began = words, _now()
     check_config(args)
     asked = argparse.Namespace(**vars(args))  # a verb may fill in what it finds out
     status = int(module.run(args))
@@ -131,6 +133,13 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         say(f"{self.prog}: error: {message} (see {self.prog} --help)\n")
         self.exit(BAD_INPUT)
+
+
+def _now() -> str:
+    """Date and time with the offset from UTC, to the second."""
+    from datetime import datetime
+
+    return datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
 
 
 def _top_parser() -> argparse.ArgumentParser:

@@ -19,6 +19,7 @@ __all__ = [
     "add_tests_argument",
     "files_read",
     "reader_options",
+    "reading_of",
     "same_data",
     "tests_from",
 ]
@@ -121,6 +122,21 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
         options["columns"] = _columns(args.columns)
     options["say"] = lambda line: progress(args, line)
     return options
+
+
+def reading_of(args: argparse.Namespace) -> dict[str, Any]:
+    """What of `reader_options` and --max-pressure was given, as JSON types.
+
+    By `options` and `max_pressure_bar` the same tests are read again.
+    """
+    if not hasattr(args, "positions"):  # a verb that reads no tests
+        return {}
+    options = reader_options(args)
+    del options["say"]
+    return {
+        "options": {name: value for name, value in options.items() if value is not None},
+        "max_pressure_bar": getattr(args, "max_pressure", None),
+    }
 
 
 def tests_from(args: argparse.Namespace) -> list[BulgeTest]:

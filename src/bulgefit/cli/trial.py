@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _resuming
+from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _common.add_scheduler_argument(parser)
     _resuming.add_resume_arguments(parser, "--output")
     _common.add_json_arguments(parser)
+    add_report_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,7 +88,8 @@ def run(args: argparse.Namespace) -> int:
     _resuming.ready(args)
     folder = Path(args.output)
     kept = [p for part in ("tests", "sealed", "answers") for p in folder.glob(f"{part}/*")]
-    _common.check_outputs(args, [folder / "trial.json", folder / "seals.txt", *kept])
+    inputs = [folder / "trial.json", folder / "seals.txt", *kept]
+    _common.check_outputs(args, inputs, check_page(args))
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     if not 1.0 <= args.shrink < float("inf"):
@@ -127,7 +130,7 @@ def _told(args: argparse.Namespace, result: dict[str, Any]) -> int:
     from bulgefit.trial.table import report
 
     result["meta"]["versions"] = _common.versions()
-    _common.deliver(args, result, report(result["scores"]))
+    _common.deliver(args, result, report(result["scores"]), *page_of(args, result, []))
     return 0
 
 

@@ -439,8 +439,8 @@ def _refit(
 ) -> Regression | None:
     """A smaller model, from where the larger one stands; None where nothing balances.
 
-    Roughly: where what is gone matters the rest is hundreds of times the noise, and valleys there
-    are long; where it hardly does, the first step leads to the bottom.
+    Roughly: what it leaves is hundreds of times the noise if its parts matter, and the valleys
+    there are long; where they hardly do, the first step leads to the bottom.
     """
     weighing, layout, x, near = shared
     # what a specimen remembers of earlier solves differs from process to process, in the last bits

@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from bulgefit.errors import BulgefitError
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.follow_up.separate import ALIKE, cosine_matrix
-from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, weight_of
 from bulgefit.report import _figure
-from bulgefit.report._diagnosis_parts import data_of
+from bulgefit.report._diagnosis_words import budget_labels, names_of
+from bulgefit.report.record import Record
 
-__all__ = ["budget", "mesh_error", "plot_budget", "plot_cosines"]
+__all__ = ["plot_budget", "plot_cosines"]
 
 _BLUE, _ORANGE, _GREEN, _VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 
@@ -60,56 +57,25 @@ def plot_cosines(diagnosis: Diagnosis, path: Path, *, force: bool) -> bool:
     return True
 
 
-def budget(diagnosis: Diagnosis) -> dict[str, list[tuple[str, float]]]:
-    """e_w (mm) with the moduli alone and after each effect: "fitted" and "held-out"."""
-    data = data_of(diagnosis)
-    weight, gaps = weight_of(data), diagnosis.gaps
-    steps = diagnosis.explanation.steps
-    out = {
-        "fitted": [("moduli alone", gaps["baseline"]["e_w"])],
-        "held-out": [("moduli alone", gaps["heldout_baseline"]["e_w"])],
-    }
-    for step in steps[:-1]:
-        try:
-            found = (
-                fitted_gap(data, step.after, weight)["e_w"],
-                held_out_gap(data, step.after, weight)["e_w"],
-            )
-        except BulgefitError:  # counts with its successor
-            continue
-        for rows, value in zip(out.values(), found, strict=True):
-            rows.append((step.group, value))
-    if steps:
-        out["fitted"].append((steps[-1].group, gaps["explained"]["e_w"]))
-        out["held-out"].append((steps[-1].group, gaps["heldout_explained"]["e_w"]))
-    return out
-
-
-def mesh_error(diagnosis: Diagnosis) -> float | None:
-    """Mean error of the mesh that was taken off, as e_w in mm; None where it is not known."""
-    data = data_of(diagnosis)
-    known = [d.specimen.correction for d in data if d.specimen.correction is not None]
-    if not known:
-        return None
-    means = np.mean([np.abs(c).mean(axis=(0, 1)) for c in known], axis=0)
-    return float(means @ (1.0, 1.0, weight_of(data)))
-
-
-def plot_budget(
-    diagnosis: Diagnosis, rows: dict[str, list[tuple[str, float]]], path: Path, *, force: bool
-) -> None:
+def plot_budget(record: Record, path: Path, *, force: bool) -> None:
     """The budget as a waterfall: from the moduli alone over each effect down to the noise."""
     from matplotlib.figure import Figure
 
-    floor, mesh = diagnosis.gaps["noise_floor"]["e_w"], mesh_error(diagnosis)
-    count = len(rows["fitted"]) + 3 + (mesh is not None)
+    told = record["report"]
+    floor, mesh = record["gap"]["noise_floor"]["e_w"], told["mesh_error_mm"]
+    labels = budget_labels(record)
+    rows = {
+        title: list(zip(labels, (row[key] for row in told["budget"]), strict=True))
+        for title, key in (("fitted", "fitted_mm"), ("held-out", "heldout_mm"))
+    }
+    count = len(labels) + 3 + (mesh is not None)
     figure = Figure(figsize=(13, 0.5 * count + 1.7), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True, sharex=True)
     for panel, (title, found) in zip(panels, rows.items(), strict=True):
         _draw_budget(panel, found, floor, mesh)
         panel.set_title(f"{title} data", fontsize=_figure.FONT + 1)
     figure.suptitle(
-        f"{', '.join(t.name for t in diagnosis.tests)}: budget of the gap",
+        f"{', '.join(names_of(record))}: budget of the gap",
         fontsize=_figure.FONT + 2,
     )
     _figure.save(figure, path, force)

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes, growth_shapes
+from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes
 from bulgefit.gap.residual.structure import RINGS, SECTORS, Cell, cells_of
 from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
@@ -21,11 +20,9 @@ from bulgefit.report._diagnosis_parts import (
     with_causes,
 )
 from bulgefit.report.profiles import MARKERS
+from bulgefit.report.record import SIGNIFICANT
 
-__all__ = ["SIGNIFICANT", "plot_modes", "plot_where"]
-
-#: Standard errors from which a mean counts as significant.
-SIGNIFICANT = 3.0
+__all__ = ["plot_modes", "plot_where"]
 
 
 def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, force: bool) -> None:
@@ -59,7 +56,7 @@ def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, for
     figure.suptitle(
         f"{name}: where the gap lies, {model}\n"
         f"numbers: mean over its standard error, bold from {SIGNIFICANT:g} on; "
-        "x to the right, y upwards; white: no points",
+        "x to the right, y upwards; hatched: no points",
         fontsize=_figure.FONT + 1,
     )
     _figure.save(figure, path, force)
@@ -93,10 +90,10 @@ def _draw_disc(panel: Any, cells: dict[str, Cell], colours: Any) -> None:
             region = ring if sector is None else f"{ring} {360 * sector // SECTORS}°"
             ends = (0.0, 360.0) if sector is None else (middle - width / 2, middle + width / 2)
             cell = cells.get(region)
-            fill = "white" if cell is None else colours.to_rgba(cell.mean)
+            fill = "none" if cell is None else colours.to_rgba(cell.mean)
             panel.add_patch(
                 Wedge((0, 0), high, *ends, width=high - low, facecolor=fill, edgecolor="0.5",
-                      linewidth=0.6)
+                      linewidth=0.6, hatch="////" if cell is None else None)
             )  # fmt: skip
             if cell is None:
                 continue
@@ -142,7 +139,7 @@ def plot_modes(diagnosis: Diagnosis, index: int, path: Path, *, force: bool) -> 
             panel.set_xlabel("pressure (bar)", fontsize=_figure.FONT)
     figure.suptitle(
         f"{data.specimen.test.name}: azimuthal modes of measured - modelled, cos/sin(m angle) over "
-        "0.3 to 0.9 of the radius\nlines: the growth law that follows best; grey: within three "
+        "0.3 to 0.9 of the radius\nin the legend the growth law that follows; grey: within three "
         "standard errors of zero",
         fontsize=_figure.FONT + 1,
     )
@@ -168,19 +165,11 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
     for mode, (colour, marker) in zip(modes, MARKERS, strict=False):
         quiet = mode.growth is Growth.NONE
         panel.plot(
-            mode.pressure, mode.amplitude, marker, color=colour, markersize=4,
-            markerfacecolor="none" if quiet else colour, linestyle="none",
+            mode.pressure, mode.amplitude, marker, color=colour, markersize=4, linewidth=1.0,
+            markerfacecolor="none" if quiet else colour, linestyle="none" if quiet else "-",
             label=f"m = {mode.order}: {mode.growth}",
         )  # fmt: skip
-        if not quiet and mode.growth is not Growth.MIXED:
-            bars = np.linspace(0.0, float(mode.pressure.max()), 60)
-            panel.plot(bars, _law(mode, bars), color=colour, linewidth=1.2)
     panel.legend(
         fontsize=_figure.FONT - 1, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False,
         handletextpad=0.1, columnspacing=1.0, ncol=2,
     )  # fmt: skip
-
-
-def _law(mode: Mode, bars: NDArray[np.float64]) -> NDArray[np.float64]:
-    own, shown = (growth_shapes(p)[mode.growth] for p in (mode.pressure, bars))
-    return np.asarray(shown * (own @ mode.amplitude) / (own @ own))

@@ -1,4 +1,4 @@
-"""What did the diagnosis find, to be seen? Figures and a summary of one page in a folder."""
+"""What did the diagnosis find, to be seen? Figures and its page in a folder."""
 
 from __future__ import annotations
 
@@ -10,24 +10,21 @@ from pathlib import Path
 from bulgefit.errors import InputError
 from bulgefit.files import atomic_write_text, check_folder, check_output
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.report._diagnosis_charts import budget, plot_budget, plot_cosines
+from bulgefit.report._diagnosis_charts import plot_budget, plot_cosines
 from bulgefit.report._diagnosis_fields import plot_component, plot_signatures
 from bulgefit.report._diagnosis_maps import plot_modes, plot_where
-from bulgefit.report._diagnosis_page import as_html, as_markdown
+from bulgefit.report._diagnosis_markdown import as_markdown
 from bulgefit.report._diagnosis_parts import COMPONENTS
-from bulgefit.report._diagnosis_words import page, table
+from bulgefit.report.page.of_diagnosis import page_of_diagnosis
+from bulgefit.report.page.page import page_html
+from bulgefit.report.record import Record, record_of
 from bulgefit.report.stems import file_stems
 
-__all__ = ["check_report", "report_text", "write_report"]
+__all__ = ["check_report", "write_report"]
 
 #: What every test gets, beside its fields.
 _OF_A_TEST = ("where_before", "where_after", "modes", "signatures")
 _OF_ALL = ("budget.png", "cosines.png", "summary.md", "summary.html")
-
-
-def report_text(diagnosis: Diagnosis) -> str:
-    """The diagnosis to read on a terminal."""
-    return table(diagnosis)
 
 
 def check_report(
@@ -65,19 +62,26 @@ def check_report(
 
 
 def write_report(
-    diagnosis: Diagnosis, folder: str | os.PathLike[str], *, force: bool = False
+    diagnosis: Diagnosis,
+    folder: str | os.PathLike[str],
+    *,
+    record: Record | None = None,
+    force: bool = False,
 ) -> list[Path]:
     """Draw a diagnosis into a folder, with a summary in plain words.
 
     Every test gets its fields, the map of its gap before and after, its azimuthal modes and the
     signatures of the leading effects; all tests together get the budget and the cosines between
-    effects. `summary.html` holds its pictures and can be passed on alone.
+    effects. `summary.html` is the page of the diagnosis and can be passed on alone.
 
     Parameters
     ----------
     diagnosis : Diagnosis
     folder : path
         Made if needed.
+    record : mapping, optional
+        What `record_of` gives, if it is known already; with the `run` of a command, the page tells
+        it.
     force : bool
         Whether files of an older report may be replaced; those that this diagnosis has no use
         for are then removed.
@@ -101,8 +105,9 @@ def write_report(
         raise InputError(f"{folder}: cannot be made ({error.strerror})") from error
     written: list[tuple[Path, str]] = []
 
+    record = record_of(diagnosis) if record is None else record
     path = folder / "budget.png"
-    plot_budget(diagnosis, budget(diagnosis), path, force=force)
+    plot_budget(record, path, force=force)
     written.append((path, "What each effect takes off the gap, down to the noise"))
     for index, stem in enumerate(file_stems(names)):
         written += _draw_test(diagnosis, index, folder / stem, force)
@@ -110,15 +115,10 @@ def write_report(
     if plot_cosines(diagnosis, path, force=force):
         written.append((path, "How alike the effects are in this data"))
 
-    blocks = page(diagnosis)
-    atomic_write_text(
-        folder / "summary.md", as_markdown(blocks, [(p.name, c) for p, c in written]), force
-    )
-    atomic_write_text(
-        folder / "summary.html",
-        as_html(blocks, [(p.name, c, p.read_bytes()) for p, c in written]),
-        force,
-    )
+    page = page_of_diagnosis(record)
+    pictures = [(p.name, c) for p, c in written]
+    atomic_write_text(folder / "summary.md", as_markdown(page, pictures), force)
+    atomic_write_text(folder / "summary.html", page_html(record, diagnosis.tests), force)
     files = [folder / "summary.html", folder / "summary.md", *(p for p, _ in written)]
     for left_over in {*possible} - {*files}:
         left_over.unlink(missing_ok=True)

@@ -1,0 +1,166 @@
+"""The page of a diagnosis: what to use, where the gap lies, which cause, how far it shrank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bulgefit.gap.diagnosis import Verdict
+from bulgefit.gap.effects import MODULI
+from bulgefit.report import _diagnosis_words as words
+from bulgefit.report.numbers import CARE, INTERVAL, USE, listed, value_text
+from bulgefit.report.page import charts
+from bulgefit.report.page.blocks import Answer, Block, Page, Value
+from bulgefit.report.record import SIGNIFICANT, Record
+
+__all__ = ["page_of_diagnosis"]
+
+_NAMES = [modulus.name for modulus in MODULI]
+
+
+def page_of_diagnosis(record: Record) -> Page:
+    """The page of a diagnosis's record."""
+    told = words.blocks_of(record)
+    names = words.names_of(record)
+    blocks = [
+        Block("heading", ("Which cause",)),
+        *told["causes"],
+        Block("heading", ("What it did to the moduli",)),
+        *told["moduli"],
+        *_moduli_spans(record),
+        Block("heading", ("How far the gap shrank",)),
+        *told["gap"],
+        *_budget(record),
+        Block("fields"),
+        Block("heading", ("Where the gap lies",)),
+        *(block for i in range(len(names)) for block in _where(record, i)),
+        Block("heading", ("What stays unexplained",)),
+        *told["left"],
+        Block("heading", ("What to do next",)),
+        *told["next"],
+        Block("heading", ("What was tried and dropped",)),
+        *told["tried"],
+        Block("heading", ("Good to know",)),
+        *told["notes"],
+    ]
+    title = f"What separates the model from {listed(names)}"
+    return Page(title, "diagnose", _answer(record), tuple(blocks))
+
+
+def _answer(record: Record) -> Answer:
+    moduli = record["parameters"]["corrected"]
+    values = tuple(_value(name, moduli[name]) for name in _NAMES)
+    usable = [v for v in values if v.use != "no"]
+    rest = [v.name for v in values if v.use == "no"]
+    use = f"Use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
+    dont = f"do not use {listed(rest)}" if rest else ""
+    headline = "; ".join(filter(None, (use, dont)))
+    tone = "good" if not rest and record["verdict"] in (Verdict.NONE, Verdict.NAMED) else "care"
+    notes = [f"**Verdict: {record['verdict']}.** {words.verdict_words(record)}"]
+    if record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN):
+        notes.append(
+            "What has no name may shift the moduli by more than these limits: take them as those "
+            "of this model, not of the fabric."
+        )
+    elif record["verdict"] == Verdict.AMBIGUOUS:
+        notes.append("Which of the causes acts decides the moduli, too: split them first (below).")
+    notes += _shifts(record)
+    return Answer(
+        headline[0].upper() + headline[1:] + ".", tone if usable else "bad", values, tuple(notes)
+    )
+
+
+def _value(name: str, found: Any) -> Value:
+    value, error = found["value"], found["stderr"]
+    if found["held"]:
+        return Value(name, f"{value:.3g} MPa at most", "no", "an upper limit, and no value")
+    text = f"{value_text(value, INTERVAL * error)} MPa"
+    share = error / value
+    if share <= USE:
+        return Value(name, text, "use")
+    if share <= CARE:
+        return Value(name, text, "care", f"found roughly: standard error {100 * share:.2g} %")
+    return Value(name, text, "no", f"this data hardly shows it: standard error {100 * share:.2g} %")
+
+
+def _shifts(record: Record) -> list[str]:
+    """By how much a plain fit would have missed."""
+    before, after = (record["parameters"][k] for k in ("baseline", "corrected"))
+    shifts = [
+        f"{m} by {100 * (before[m]['value'] / after[m]['value'] - 1):+.2g} %"
+        for m in _NAMES
+        if abs(before[m]["value"] / after[m]["value"] - 1) >= 0.005 and not before[m]["held"]
+    ]
+    return [f"A fit of the moduli alone is off: {listed(shifts)}."] if shifts else []
+
+
+def _moduli_spans(record: Record) -> list[Block]:
+    if not record["tried"]:
+        return []
+    blocks = []
+    for m in _NAMES:
+        fits = [(label, record["parameters"][k][m]) for label, k in
+                (("moduli alone", "baseline"), ("with causes", "corrected"))]  # fmt: skip
+        rows = [
+            (f"{m}, {label}", value_text(f["value"], f["stderr"]), f["value"], f["stderr"])
+            for label, f in fits
+            if not f["held"]
+        ]
+        if len(rows) == 2:
+            blocks.append(Block("spans", picture=charts.spans(rows)))
+    if blocks:
+        first = "MPa; the bar is the 95 % interval, each modulus on a scale of its own."
+        blocks[0] = Block("spans", (first,), picture=blocks[0].picture)
+    return blocks
+
+
+def _budget(record: Record) -> list[Block]:
+    """What each effect takes off, by its form: several forms of an effect are several models."""
+    labels = words.budget_labels(record)
+    kinds = (("heldout_mm", "on data that was not fitted"), ("fitted_mm", "on the fitted data"))
+    return [
+        Block(
+            "bars",
+            (f"**The budget {what}**: e_w in mm from the moduli alone, over each effect by its "
+             "form, down to what is left. Dashed: noise alone.",),
+            picture=charts.budget_bars(record, kind, labels),
+        )
+        for kind, what in kinds
+    ]  # fmt: skip
+
+
+def _where(record: Record, index: int) -> list[Block]:
+    """Discs and modes of one test, before and after."""
+    told = record["report"]
+    kinds = {"baseline": "moduli alone"}
+    if record["tried"]:
+        kinds["final"] = "with causes"
+    name = words.names_of(record)[index]
+    several = len(words.names_of(record)) > 1
+    blocks = [Block("part", (name,))] if several else []
+    blocks += [_discs(told["cells"][kind][index], label) for kind, label in kinds.items()]
+    for kind, label in kinds.items():
+        caption = (
+            f"**Azimuthal modes, {label}**: amplitude in mm of cos/sin(m·angle) of what is left, "
+            "between 0.3 and 0.9 of the radius. Grey: within three standard errors of zero; "
+            "dotted: noise."
+        )
+        modes = told["modes"][kind][index]
+        drawn = [charts.curves(modes, component) for component in ("radial", "hoop", "dz")]
+        blocks.append(Block("curves", (caption,), picture={"charts": drawn}))
+    return blocks
+
+
+def _discs(cells: list[dict[str, Any]], label: str) -> Block:
+    """Where what is left lies, or that no region has anything."""
+    if all(abs(c["significance"]) <= SIGNIFICANT for c in cells):
+        return Block(
+            "text",
+            (f"**{label.capitalize()}**: none of {len(cells)} means (component, region, band of "
+             f"pressure) is beyond {SIGNIFICANT:g} standard errors.",),
+        )  # fmt: skip
+    caption = (
+        f"**{label.capitalize()}**: mean of measured − modelled over each region and band of "
+        f"pressure, coloured by its distance from zero in standard errors; numbers from "
+        f"{SIGNIFICANT:g} on. x to the right, y upwards. Point at a region for its mean in mm."
+    )
+    return Block("discs", (caption,), picture=charts.discs(cells))

@@ -1,0 +1,221 @@
+"""The page of a fit: which parameters to use, within how much, and how good the fit is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bulgefit.report.numbers import listed, value_text
+from bulgefit.report.page.blocks import Answer, Block, Page, Value
+
+__all__ = ["page_of_fit"]
+
+Result = Mapping[str, Any]
+
+#: Warnings that are about one parameter, or about how sure a value is; all others say that the test
+#: or the fit cannot be used as it is.
+_OF_PARAMETERS = (
+    "at_bound", "inseparable", "starts_disagree", "mesh_error_unknown", "mesh_error_large",
+)  # fmt: skip
+#: Share of the square misfit that is no noise, from which the model lacks more than the test is
+#: unsure of.
+_LACKING = 0.5
+
+#: Correlation from which a change of one parameter is made up for by half its error in another:
+#: sqrt(1 - 0.87²) = 0.5.
+_TOGETHER = 0.87
+
+
+def page_of_fit(result: Result) -> Page:
+    """The page of a fit's JSON."""
+    names = listed([str(t["name"]) for t in result["sources"]])
+    blocks = [
+        Block("heading", ("The parameters",)),
+        Block("table", rows=_parameter_rows(result)),
+        Block("list", tuple(result["quality"]["identifiability"].values())),
+        Block("heading", ("How good the fit is",)),
+        Block("list", tuple(_quality(result))),
+        Block("table", rows=_test_rows(result)),
+        Block("fields"),
+        *_more(result),
+        Block("heading", ("How it was searched",)),
+        Block("list", tuple(_search(result))),
+        Block("table", rows=_start_rows(result)),
+    ]
+    return Page(f"Material parameters of {names}", "fit", _answer(result), tuple(blocks))
+
+
+def _free(result: Result) -> dict[str, Any]:
+    return {name: p for name, p in result["parameters"].items() if p["free"]}
+
+
+def _answer(result: Result) -> Answer:
+    warnings = result["quality"]["warnings"]
+    stop = [w["text"] for w in warnings if w["code"] not in _OF_PARAMETERS]
+    values = tuple(_value(name, p, result) for name, p in _free(result).items() if "." not in name)
+    usable = [v for v in values if v.use != "no"]
+    rest = [v.name for v in values if v.use == "no"]
+    notes = [*stop, *(w["text"] for w in warnings if w["code"] in _OF_PARAMETERS)]
+    lacking = (result["quality"]["structured_share"] or 0.0) >= _LACKING
+    if lacking:
+        notes.append(_lacks(result))
+    if stop:
+        return Answer("Do not use these values: the test or the fit has a fault.", "bad",
+                      values, tuple(notes))  # fmt: skip
+    use = f"use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
+    dont = f"do not use {listed(rest)}" if rest else ""
+    headline = "; ".join(filter(None, (use, dont)))
+    tone = "good" if usable and not rest and not notes else "care" if usable else "bad"
+    return Answer(f"{headline[0].upper()}{headline[1:]}.", tone, values, tuple(notes))
+
+
+def _lacks(result: Result) -> str:
+    share = result["quality"]["structured_share"]
+    return (
+        f"{100 * share:.3g} % of the square misfit is no noise: the test has something that the "
+        "model has not, and the moduli may be off by more than their intervals. bulgefit diagnose "
+        "looks for it."
+    )
+
+
+def _value(name: str, found: Mapping[str, Any], result: Result) -> Value:
+    if found["at_bound"]:
+        text = f"{found['value']:.4g}{_unit(found)}"
+        return Value(
+            name, text, "no", f"sits at its bound {found['lower']:g} to {found['upper']:g}"
+        )
+    words = result["quality"]["identifiability"].get(name, "")
+    ends = found["interval95"]
+    if ends is None:
+        return Value(name, f"{found['value']:.4g}{_unit(found)}", "no", "not determined")
+    text = _within(found["value"], *ends) + _unit(found)
+    if "hardly" in words or "cannot" in words:
+        return Value(name, text, "no", words)
+    return Value(name, text, "care" if "roughly" in words else "use", words)
+
+
+def _unit(found: Mapping[str, Any]) -> str:
+    return "" if found["unit"] == "1" else f" {found['unit']}"
+
+
+def _within(value: float, low: float, high: float) -> str:
+    """A value with its interval: as ± where that is even, else with both ends."""
+    down, up = value - low, high - value
+    if min(down, up) > 0.0 and max(down, up) <= 1.1 * min(down, up):
+        return value_text(value, 0.5 * (down + up))
+    return f"{value:.4g} ({low:.4g} to {high:.4g})"
+
+
+def _parameter_rows(result: Result) -> tuple[tuple[str, ...], ...]:
+    rows = [("parameter", "value", "standard error", "95 % interval", "how")]
+    for name, p in result["parameters"].items():
+        if not p["free"]:
+            rows.append((name, f"{p['value']:.6g}{_unit(p)}", "", "", "held"))
+            continue
+        ends = p["interval95"]
+        rows.append(
+            (
+                name,
+                f"{p['value']:.6g}{_unit(p)}",
+                "" if p["stderr"] is None else f"{p['stderr']:.3g}",
+                "" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}",
+                "at its bound: no result" if p["at_bound"] else "fitted",
+            )
+        )
+    return tuple(rows)
+
+
+def _quality(result: Result) -> list[str]:
+    quality = result["quality"]
+    lines = []
+    if quality["misfit_over_noise"] is not None:
+        lines.append(f"The misfit is {quality['misfit_over_noise']:.3g} times the noise.")
+    lines.append(
+        f"{100 * quality['explained_share']:.4g} % of the measured displacement is explained, "
+        "against a model that does not deform."
+    )
+    if quality["structured_share"] is not None:
+        lines.append(f"{100 * quality['structured_share']:.3g} % of the square misfit is no noise.")
+    for key, what in (("noise_mm", "Noise"), ("mesh_error_mm", "Left of the mesh's error:")):
+        if quality[key] is not None:
+            sizes = ", ".join(f"{1000 * s:.2g}" for s in quality[key])
+            lines.append(f"{what} {'of dx, dy, dz: ' if key == 'noise_mm' else ''}{sizes} µm.")
+    lines += [
+        f"{listed(pair['parameters'])} go together (correlation {pair['correlation']:.2f})."
+        for pair in result["correlations"]
+        if abs(pair["correlation"]) > _TOGETHER
+    ]
+    beyond = result["stability"]["frames_beyond"]
+    if beyond:
+        lines.append(
+            f"The model loses stability above {result['stability']['stable_up_to_bar']:.3g} bar; "
+            f"{beyond} frames lie beyond: judge the fit without them (--max-pressure)."
+        )
+    return lines
+
+
+def _test_rows(result: Result) -> tuple[tuple[str, ...], ...]:
+    heads = ("dx", "dy", "dz", "e", "e_w", "e_z")
+    rows: list[tuple[str, ...]] = [("mean absolute deviation (mm)", *heads)]
+    for test in result["tests"]:
+        cells = ("–" if test[h] is None else f"{test[h]:.4f}" for h in heads)
+        rows.append((str(test["name"]), *cells))
+    return tuple(rows)
+
+
+def _more(result: Result) -> list[Block]:
+    """What --bootstrap and --cross-table found."""
+    blocks = []
+    if "bootstrap" in result:
+        found = result["bootstrap"]
+        head = (
+            f"{100 * found['level']:g} % interval of {found['replicates']} refits to drawn frames"
+        )
+        rows = [("parameter", head)]
+        for name, p in found["parameters"].items():
+            low, high = p["interval"]
+            rows.append((name, f"{low:.6g} to {high:.6g}{_unit(p)}"))
+        blocks += [Block("heading", ("By bootstrap",)), Block("table", rows=tuple(rows))]
+    if "cross_table" in result:
+        table = result["cross_table"]
+        heads = list(next(iter(table.values())))
+        rows = [("objective (mm) under", *heads)]
+        rows += [
+            (name, *("–" if v is None else f"{v:.4f}" for v in row.values()))
+            for name, row in table.items()
+        ]
+        blocks += [
+            Block("heading", ("Each objective's optimum",)),
+            Block("table", rows=tuple(rows)),
+        ]
+    return blocks
+
+
+def _search(result: Result) -> list[str]:
+    settings, objective = result["settings"], result["objective"]
+    starts = result["starts"]
+    converged = sum(s["converged"] for s in starts)
+    unit = "" if objective["unit"] == "1" else f" {objective['unit']}"
+    return [
+        f"{objective['name']} = {objective['value']:.6g}{unit}, law {settings['law']}, "
+        f"{settings['method']}.",
+        f"{len(starts)} starts, {converged} converged, "
+        f"{result['quality']['agreeing_starts']} at this optimum; {result['evaluations']} forward "
+        f"paths, {result['failures']} failed; {result['seconds']:.1f} s.",
+    ]
+
+
+def _start_rows(result: Result) -> tuple[tuple[str, ...], ...]:
+    names = list(result["starts"][0]["parameters"])
+    rows = [("start", *names, result["objective"]["name"], "why it stopped")]
+    for number, start in enumerate(result["starts"], 1):
+        value = start["objective"]
+        rows.append(
+            (
+                str(number),
+                *(f"{start['parameters'][n]:.5g}" for n in names),
+                "failed" if value is None else f"{value:.5g}",
+                str(start["reason"]),
+            )
+        )
+    return tuple(rows)
