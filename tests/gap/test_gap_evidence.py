@@ -281,6 +281,20 @@ def test_a_rough_descent_ends_where_what_is_left_is_nothing():
     assert exact < rough < exact + 2.0
 
 
+def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
+    """The optimum is beyond: steps that may go no further than gains nothing are not tried."""
+    solves = {}
+    for roughly in (False, True):
+        measured = 10.0 * np.arange(1.0, 51.0) / 25.0
+        problem = linear([group("a", [1.0])], np.full((50, 1), 10.0), measured, end=0.5)
+        layout = Layout.of(problem.groups)
+        fit = descend(problem, layout, layout.whole(), np.zeros(1), roughly=roughly)
+        assert not fit.converged
+        assert 0.4 < fit.x[0] <= 0.5
+        solves[roughly] = problem.solves
+    assert solves[True] < solves[False] - 2
+
+
 @pytest.mark.parametrize("lacking", [0.0, 300.0])
 def test_a_descent_ends_within_the_standard_errors_that_the_misfit_leaves(lacking):
     """As soon beside something that no coordinate follows, and beside its errors as near."""
