@@ -70,6 +70,7 @@ def test_a_cluster_gives_the_same(
         output = capsys.readouterr()
         found.append(json.loads(output.out))
         found[-1].pop("seconds", None)
+        del found[-1]["run"]  # the command and its date
     assert found[0] == found[1]
 
 
@@ -83,7 +84,7 @@ def test_a_diagnosis_on_a_cluster(
     for where in (["--workers", "1"], ["--workers", "2"], ["--scheduler", cluster]):
         assert main([*words, *where, "--quiet"]) == 0
         found.append(json.loads(capsys.readouterr().out))
-        del found[-1]["meta"]["seconds"]
+        del found[-1]["meta"]["seconds"], found[-1]["run"]
     assert found[0] == found[1] == found[2]
     assert found[0]["verdict"] == "named"
 
@@ -105,7 +106,7 @@ def test_a_trial_on_a_cluster(
         words = ["--number", "1", "--effects", "none", "--output", str(tmp_path / name)]
         assert main(["trial", *words, *where, "--json", "-", "--quiet"]) == 0
         found.append(json.loads(capsys.readouterr().out))
-        del found[-1]["meta"]["seconds"]
+        del found[-1]["meta"]["seconds"], found[-1]["run"]
     assert found[0] == found[1]
     assert found[0]["tests"][0]["verdict"] == "none"
 
