@@ -109,8 +109,8 @@ def _dispatch(words: list[str]) -> int:
     parser = _verb_parser(verb, module)
     args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
-    args.words, args.began = words, _now()
     check_config(args)
+    args.words, args.began = words, _now()
     asked = argparse.Namespace(**vars(args))  # a verb may fill in what it finds out
     status = int(module.run(args))
     save_config(parser, asked)
