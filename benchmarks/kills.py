@@ -96,9 +96,9 @@ def prepared(folder: Path) -> Path:
 
 
 def bare(value: Any) -> Any:
-    """A result without the seconds that it took."""
+    """A result without the seconds that it took, and the command and date of its run."""
     if isinstance(value, dict):
-        return {k: bare(v) for k, v in value.items() if k != "seconds"}
+        return {k: bare(v) for k, v in value.items() if k not in ("seconds", "run")}
     return [bare(v) for v in value] if isinstance(value, list) else value
 
 

@@ -24,6 +24,7 @@ myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build", "own_package", "examples"]
 autodoc_typehints = "none"  # the docstrings say types, shapes and units
+suppress_warnings = ["config.cache"]  # the scraper below is a function, which nobody can cache
 html_theme = "furo"
 html_title = "bulgefit"
 

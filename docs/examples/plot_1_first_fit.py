@@ -46,4 +46,9 @@ assert 0.9 < result.quality.misfit_over_noise < 1.1
 # Where model and test stand
 # --------------------------
 # Measured profiles (markers) and what the fit makes of them (lines).
-prediction = bulgefit.predict(test, result.material)
+prediction = bulgefit.predict(test, result.material).blocks
+profiles = bulgefit.plot_profiles(test, prediction)
+
+# %%
+# What is left, measured minus modelled, looks like noise.
+residuals = bulgefit.plot_residuals(test, prediction)

@@ -32,7 +32,9 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> Seen:
         parser.add_argument("--no-relaxation", dest="relaxation", action="store_false")
 
     def run(args: argparse.Namespace) -> int:
-        told.append({k: v for k, v in vars(args).items() if k not in ("config", "save_config")})
+        # words and began are of this one run
+        own = ("config", "save_config", "words", "began")
+        told.append({k: v for k, v in vars(args).items() if k not in own})
         return 0
 
     verb = types.SimpleNamespace(HELP="h", add_arguments=add, run=run)

@@ -59,10 +59,10 @@ def run(*words: str) -> int:
 
 
 def answer(file: str) -> dict[str, Any]:
-    """A result, but for the time it took, the command and its date."""
+    """A result, but for the time it took, and its command and date."""
     found = json.loads(Path(file).read_text())
     found.pop("seconds", None)
-    del found["run"]
+    found.pop("run")
     return dict(found)
 
 

@@ -281,6 +281,20 @@ def test_a_rough_descent_ends_where_what_is_left_is_nothing():
     assert exact < rough < exact + 2.0
 
 
+def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
+    """The optimum is beyond: steps that may go no further than gains nothing are not tried."""
+    solves = {}
+    for roughly in (False, True):
+        measured = 10.0 * np.arange(1.0, 51.0) / 25.0
+        problem = linear([group("a", [1.0])], np.full((50, 1), 10.0), measured, end=0.5)
+        layout = Layout.of(problem.groups)
+        fit = descend(problem, layout, layout.whole(), np.zeros(1), roughly=roughly)
+        assert not fit.converged
+        assert 0.4 < fit.x[0] <= 0.5
+        solves[roughly] = problem.solves
+    assert solves[True] < solves[False] - 2
+
+
 @pytest.mark.parametrize("lacking", [0.0, 300.0])
 def test_a_descent_ends_within_the_standard_errors_that_the_misfit_leaves(lacking):
     """As soon beside something that no coordinate follows, and beside its errors as near."""
@@ -357,6 +371,25 @@ def test_all_models_are_found_as_enumeration_ranks_them():
     found = weighed(search.scores(1.0), 1.0, search.names)
     for name in search.names:
         assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
+
+
+def test_groups_without_a_say_make_no_end_of_models():
+    """Forty independent groups, of which two are at work, and differences that count for little.
+
+    All the 2^40 models hold some of the probability, but those of a group are its own.
+    """
+    rng = np.random.default_rng(12)
+    rows = 10.0 * np.linalg.qr(rng.normal(size=(60, 40)))[0]
+    measured = rows[:, 0] * 3.0 + rows[:, 1] * 1.5 + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(40)], rows, measured)
+    search = searched(problem)
+    assert explore(search, np.zeros(40)).model == freeze({"g0": 0, "g1": 0})
+    found = weighed(search.scores(100.0), 100.0, search.names)
+    for name, column in (("g0", 0), ("g1", 1)):
+        # a group alone: z² (1 - 1/101) is gained and ln 101 paid
+        worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
+        exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 100.0))
+        assert found.groups[name] == pytest.approx(exact, abs=0.01)
 
 
 def test_elimination_alone_is_trapped_where_growth_is_not():

@@ -110,7 +110,7 @@ def _dispatch(words: list[str]) -> int:
     args = parser.parse_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
     check_config(args)
-    args.words, args.began = words, _now()
+    args.words, args.began = words, _now()  # for the page of a report: how it was made
     asked = argparse.Namespace(**vars(args))  # a verb may fill in what it finds out
     status = int(module.run(args))
     save_config(parser, asked)

@@ -33,7 +33,8 @@ def independent_frames(test: BulgeTest) -> int:
     moved = np.asarray(block.displacement, dtype=np.float64)
     still = ~np.nan_to_num(moved).any(axis=(1, 2))
     moved = moved[~still]
-    values = moved[:, np.isfinite(moved).all(axis=(0, 2))].reshape(len(moved), -1)
+    known = moved[:, np.isfinite(moved).all(axis=(0, 2))]
+    values = known.reshape(len(known), known.shape[1] * 3)
     values = values[:, :: max(1, values.shape[1] // _MOST_VALUES)]
     if len(values) < 2 or values.shape[1] < 2 * len(values):
         return test.n_frames

@@ -437,12 +437,16 @@ def _less(model: Model, names: Iterable[str]) -> Model:
 def _refit(
     shared: tuple[Weighing, Layout, Floats, Sequence[object]], model: Model
 ) -> Regression | None:
-    """A smaller model, from where the larger one stands; None where nothing balances."""
+    """A smaller model, from where the larger one stands; None where nothing balances.
+
+    Roughly: what it leaves is hundreds of times the noise if its parts matter, and the valleys
+    there are long; where they hardly do, the first step leads to the bottom.
+    """
     weighing, layout, x, near = shared
     # what a specimen remembers of earlier solves differs from process to process, in the last bits
     weighing = weighing.afresh()
     with one_blas_thread(), suppress(SolveError, InputError):
-        return regression_of(weighing, descend(weighing, layout, model, x, near))
+        return regression_of(weighing, descend(weighing, layout, model, x, near, roughly=True))
     return None
 
 

@@ -25,11 +25,11 @@ _NAMES = ("dx", "dy", "dz")
 def plot_profiles(
     test: BulgeTest,
     prediction: tuple[NDArray[np.floating], ...],
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | None = None,
     *,
     label: str = "model",
     force: bool = False,
-) -> None:
+) -> Any:
     """Draw measured against modelled profiles for up to five pressures.
 
     The upper row is the line y = 0 with dz and dx, the lower one x = 0 with dz and dy. Points
@@ -42,24 +42,24 @@ def plot_profiles(
     test : BulgeTest
     prediction : tuple of (k, n, 3) arrays, mm
         Modelled displacements, one array for every block of the test.
-    path : path
-        A .png, .pdf or .svg.
+    path : path, optional
+        A .png, .pdf or .svg; by default nothing is written.
     label : str
         What the model is, for the title.
     force : bool
         Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     InputError
         The prediction does not match the test, or the file cannot be written.
     """
-    from matplotlib.figure import Figure
-
-    _figure.figure_target(path, force)
     _figure.check_prediction(test, prediction)
-    figure = Figure(figsize=(13, 8), layout="constrained")
-    panels = figure.subplots(2, 2)
+    figure, panels = _figure.panels(path, force, (13.0, 8.0), 2, 2)
     reaches = []
     for row, (along, across) in enumerate(((0, 1), (1, 0))):
         curves, reach = _curves(test, prediction, along, across)
@@ -71,7 +71,7 @@ def plot_profiles(
         f"points within {_span(reaches)} of the line",
         fontsize=_figure.FONT + 2,
     )
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 Curve = tuple[int, NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]

@@ -26,12 +26,12 @@ _SHARE = 98.0  # percentile of |residual| at which the colours end
 def plot_residuals(
     test: BulgeTest,
     prediction: tuple[NDArray[np.floating], ...],
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | None = None,
     *,
     label: str = "model",
     force: bool = False,
-) -> None:
-    """Draw maps of modelled minus measured displacement, for up to four pressures.
+) -> Any:
+    """Draw maps of measured minus modelled displacement, for up to four pressures.
 
     Each component has its own colours, the same at every pressure, ending at the 98th percentile
     of the residuals that are drawn. Where a frame has more than 4000 points, means over square
@@ -42,12 +42,16 @@ def plot_residuals(
     test : BulgeTest
     prediction : tuple of (k, n, 3) arrays, mm
         Modelled displacements, one array for every block of the test.
-    path : path
-        A .png, .pdf or .svg.
+    path : path, optional
+        A .png, .pdf or .svg; by default nothing is written.
     label : str
         What the model is, for the title.
     force : bool
         Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
@@ -57,7 +61,8 @@ def plot_residuals(
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    _figure.figure_target(path, force)
+    if path is not None:
+        _figure.figure_target(path, force)
     _figure.check_prediction(test, prediction)
     frames = _frames(test, prediction)
     figure = Figure(figsize=(11, 3.4 * len(frames) + 1.4), layout="constrained")
@@ -78,13 +83,13 @@ def plot_residuals(
             drawn, ax=list(column), location="bottom", extend="both", shrink=0.85, pad=0.02,
             aspect=30, ticks=MaxNLocator(5, symmetric=True),
         )  # fmt: skip
-        bar.set_label(f"{name}, {label} - measured (mm)", fontsize=_figure.FONT)
+        bar.set_label(f"{name}, measured - {label} (mm)", fontsize=_figure.FONT)
         bar.ax.tick_params(labelsize=_figure.FONT - 1)
         column[-1].set_xlabel("x (mm)", fontsize=_figure.FONT)
     for panel in panels[:, 0]:
         panel.set_ylabel("y (mm)", fontsize=_figure.FONT)
-    figure.suptitle(f"{test.name}: {label} minus measured", fontsize=_figure.FONT + 2)
-    _figure.save(figure, path, force)
+    figure.suptitle(f"{test.name}: measured minus {label}", fontsize=_figure.FONT + 2)
+    return _figure.finished(figure, path, force)
 
 
 Frame = tuple[int, NDArray[np.floating], NDArray[np.floating]]
@@ -103,7 +108,7 @@ def _frames(test: BulgeTest, prediction: tuple[NDArray[np.floating], ...]) -> li
     for frame in _figure.spread(candidates, test.pressure, PRESSURES):
         b, row = at[frame]
         block = test.blocks[b]
-        frames.append((frame, block.reference, prediction[b][row] - block.displacement[row]))
+        frames.append((frame, block.reference, block.displacement[row] - prediction[b][row]))
     return frames
 
 

@@ -101,7 +101,7 @@ def descend(
     roughly : bool
         Stop where others may start. The truth is χ² of p above the optimum of p coordinates: what
         is below that by less than its standard deviation is no nearer to it. Forecasts see to the
-        bottom from there.
+        bottom from there. So it is where the trust region lets no step gain as much.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def descend(
         promised = 2.0 * slope @ step - step @ matrix @ step
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
         unheld = size < _USED * reach
-        if promised < (_misfit(problem, here) * least if unheld else _SETTLED):
+        if promised < (_misfit(problem, here) * least if unheld or roughly else _SETTLED):
             converged = unheld
             break
         landed = _landed(problem, layout, here, step, damped)

@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 TRIES = 3
 #: Of the best model's probability, below which a model is not looked around in.
 LEAST_SHARE = 1e-3
+#: Models of a generation beyond which they are not looked around in: with sixty groups and more
+#: that would take tens of thousands of forecasts.
+MOST_ALIKE = 300
 
 
 @dataclass(eq=False)
@@ -111,26 +114,39 @@ class Search(Generic[Kind]):
     def scores(self, temper: float) -> dict[Model, float]:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
 
-        From the best model on, whatever holds more than a thousandth of its probability is looked
-        around in: by one drop or growth, and by what that leads to. What is only forecast counts
-        for no more than the best of what was fitted.
+        Looked around in is what holds more than a thousandth of the best one's probability: drops
+        from it, generation by generation, then a growth of each of these, and of what that leads
+        to. A generation is gone through as a whole or not at all, so that its growths are there
+        with and without each group. Where differences count for little (a large temper) there
+        would be no end of them, by groups that have no say. What is only forecast counts for no
+        more than the best of what was fitted.
 
         Parameters
         ----------
         temper : float
             By which differences of the evidence are divided (`weighed`).
         """
-        around = self.around(self.best)
-        reach = self.best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
+        best = self.best
+        around = self.around(best)
+        reach = best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
         known = {model: fit.score for model, fit in self.fits.items()}
-        waiting = [self.best.model]
-        while waiting:
-            model = waiting.pop()
-            for other in [*self._smaller(model), *self._larger(model)]:
-                if other not in known:
-                    known[other] = max(self._forecast(around, other), self.best.score)
-                    if known[other] < reach:
-                        waiting.append(other)
+
+        def within(models: Iterable[Model]) -> list[Model]:
+            new = [m for m in dict.fromkeys(models) if m not in gone]
+            gone.update(new)
+            for m in new:
+                if m not in known:
+                    known[m] = max(self._forecast(around, m), best.score)
+            return [m for m in new if known[m] < reach]
+
+        gone = {best.model}
+        parts, last = list[Model](), [best.model]
+        while 0 < len(last) <= MOST_ALIKE:
+            parts += last
+            last = within(m for model in last for m in self._smaller(model))
+        grown = within(m for model in parts for m in self._larger(model))
+        while 0 < len(grown) <= MOST_ALIKE:
+            grown = within(m for model in grown for m in self._larger(model))
         return known
 
     def _thinned(self, fit: Fit, around: Linearised) -> Fit | None:
