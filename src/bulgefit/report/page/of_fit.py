@@ -32,7 +32,7 @@ def page_of_fit(result: Result) -> Page:
     blocks = [
         Block("heading", ("The parameters",)),
         Block("table", rows=_parameter_rows(result)),
-        Block("list", tuple(result["quality"]["identifiability"].values())),
+        *_of_effects(result),
         Block("heading", ("How good the fit is",)),
         Block("list", tuple(_quality(result))),
         Block("table", rows=_test_rows(result)),
@@ -43,6 +43,13 @@ def page_of_fit(result: Result) -> Page:
         Block("table", rows=_start_rows(result)),
     ]
     return Page(f"Material parameters of {names}", "fit", _answer(result), tuple(blocks))
+
+
+def _of_effects(result: Result) -> list[Block]:
+    """How well effects' parameters are found; the answer says it of the material's."""
+    words = result["quality"]["identifiability"].items()
+    told = tuple(text for name, text in words if "." in name)
+    return [Block("list", told)] if told else []
 
 
 def _free(result: Result) -> dict[str, Any]:
