@@ -229,7 +229,7 @@ COMPARISON = {
     "evaluation": (["--evaluation", "guess"], "evaluation: 'guess' is unknown; choose from"),
     "interpolation": (["--interpolation", "cubic"], "interpolation: 'cubic' is unknown"),
     "weight": (["--weight", "much"], "--weight 'much': give one number"),
-    "two weights": (["--weight", "1,2"], "weight: one of dz, or three"),
+    "two weights": (["--weight", "1,2"], "weight: give one number of dz, or three"),
     "weight of nothing": (["--weight", "0,0,0"], "--weight 0,0,0: nothing would be compared"),
     "max pressure nan": (["--max-pressure", "nan"], "--max-pressure nan: give a pressure above 0"),
     "max pressure below": (["--max-pressure", "-1"], "--max-pressure -1: give a pressure above 0"),

@@ -525,7 +525,10 @@ def test_csv_time_and_checksum(csv_folder, made):
     (folder / "pressure.csv").write_text("\n".join(rows))
     test = read_test(folder)
     assert test.time.tolist() == [2, 4, 6, 8, 10, 12]
-    content = b"".join(path.read_bytes() for path in sorted(folder.iterdir()))
+    content = b"".join(
+        f"{path.name}\0{path.stat().st_size}\0".encode() + path.read_bytes()
+        for path in sorted(folder.iterdir())
+    )
     assert test.checksum == hashlib.sha256(content).hexdigest()
 
 

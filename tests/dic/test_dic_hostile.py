@@ -340,7 +340,10 @@ def test_pickle_whose_rows_are_one_array(tmp_path):
 
 def test_the_checksum_covers_an_empty_specimen(csv_folder):
     folder = csv_folder(specimen="{}")
-    content = b"".join(path.read_bytes() for path in sorted(folder.iterdir()))
+    content = b"".join(
+        f"{path.name}\0{path.stat().st_size}\0".encode() + path.read_bytes()
+        for path in sorted(folder.iterdir())
+    )
     test = read_test(folder, radius=100, thickness=0.81)
     assert test.checksum == hashlib.sha256(content).hexdigest()
 

@@ -525,5 +525,7 @@ def _component_weights(
     if given.shape == (1,):
         given = np.array([1.0, 1.0, given[0]])
     if given.shape != (3,) or not np.isfinite(given).all() or (given < 0).any():
-        raise InputError(f"weight: one of dz, or three of dx, dy, dz, none negative; got {weight}")
+        raise InputError(
+            f"weight: give one number of dz, or three of dx, dy, dz, none negative, not {weight}"
+        )
     return given

@@ -108,7 +108,7 @@ def _check_kind(name: str, value: Any) -> None:
         for key, ends in value.items():
             _check_numbers(f"bounds of {key}", ends, "a lower and an upper number", (2,))
     elif name == "weight":
-        _check_numbers("weight", value, "a number, or three of dx, dy, dz", (1, 3))
+        _check_numbers("weight", value, "one number of dz, or three of dx, dy, dz", (1, 3))
     elif name == "priors":
         for key, prior in value.items():
             if not isinstance(prior, Prior):
