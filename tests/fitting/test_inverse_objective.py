@@ -104,7 +104,7 @@ def test_three_weights_one_for_each_component() -> None:
 
 @pytest.mark.parametrize("weight", [-1.0, [1.0, 2.0], NAN, [1, 1, -0.1]])
 def test_weights_that_cannot_be(weight: object) -> None:
-    with pytest.raises(InputError, match="weight: one of dz, or three"):
+    with pytest.raises(InputError, match="weight: give one number of dz, or three"):
         Objective([small()], setup=COARSE, weight=weight)  # type: ignore[arg-type]
 
 
