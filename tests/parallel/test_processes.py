@@ -6,12 +6,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
+
+from bulgefit.parallel.processes import Processes
 
 PARENT = Path(__file__).with_name("parent.py")
 
@@ -70,3 +73,24 @@ def test_ctrl_c_ends_workers_without_a_word_of_theirs(
     assert not [*(tmp_path / "sent").iterdir()]
     assert said.count("Traceback") == 1
     assert said.splitlines()[-1] == "KeyboardInterrupt"
+
+
+def _keep_the_queue() -> int:
+    """Take the lock by which processes fetch work, as one does that is killed while it fetches."""
+    frame = sys._getframe()
+    while "call_queue" not in frame.f_locals:
+        assert frame.f_back is not None
+        frame = frame.f_back
+    frame.f_locals["call_queue"]._rlock.acquire()
+    return os.getpid()
+
+
+def test_processes_that_cannot_be_asked_end_all_the_same() -> None:
+    pool = Processes(2)
+    held = pool.submit(_keep_the_queue).result(timeout=60)
+    closing = threading.Thread(target=pool.shutdown, daemon=True)
+    closing.start()
+    closing.join(20)
+    assert not closing.is_alive()
+    with pytest.raises(ProcessLookupError):
+        os.kill(held, 0)

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import wait as settled
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
@@ -29,6 +30,7 @@ class Processes(Executor):
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
+        self._open: set[Future[Any]] = set()
         self._fresh()
 
     def _fresh(self) -> None:
@@ -45,10 +47,23 @@ class Processes(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As every executor."""
         with _without_interrupts():
-            return self._pool.submit(fn, *args, **kwargs)
+            future = self._pool.submit(fn, *args, **kwargs)
+        self._open.add(future)
+        future.add_done_callback(self._open.discard)
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As every executor."""
+        """As every executor, but that processes end at once when their work is done.
+
+        They are not asked to: one that was killed while it held the queue's lock would let the
+        others wait for the question for ever.
+        """
+        if cancel_futures:
+            for future in [*self._open]:
+                future.cancel()
+        if wait:
+            settled([*self._open])
+            self._leash.close()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
     def kill(self) -> None:
