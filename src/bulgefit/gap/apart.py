@@ -88,9 +88,10 @@ def _between(
     found = list[Regression | None]()
     for count in range(len(names) - 2, 0, -1):
         model = _less(fit.model, names[count:])
-        smaller = kept(partial(_smaller, weighing, layout, model, fit.x, fit.here.near))
+        fresh = weighing.afresh()
+        smaller = kept(partial(_smaller, fresh, layout, model, fit.x, fit.here.near))
         fit = smaller or fit
-        found.append(regression_of(weighing, smaller) if smaller is not None else None)
+        found.append(regression_of(weighing.afresh(), smaller) if smaller is not None else None)
     return found[::-1]
 
 
@@ -99,6 +100,8 @@ def _refit(
 ) -> Regression | None:
     """A smaller model, from where the larger one stands; None where nothing balances."""
     weighing, layout, x, near = shared
+    # what a specimen remembers of earlier solves differs from process to process, in the last bits
+    weighing = weighing.afresh()
     with one_blas_thread():
         fit = _smaller(weighing, layout, model, x, near)
         return regression_of(weighing, fit) if fit is not None else None
@@ -113,8 +116,6 @@ def _smaller(
     there are long; where they hardly do, the first step leads to the bottom. What a step changes
     by less than a per cent of the misfit is no other figure in a budget of whole per cents.
     """
-    # what a specimen remembers of earlier solves differs from process to process, in the last bits
-    weighing = weighing.afresh()
     with suppress(SolveError, InputError):
         return descend(weighing, layout, model, x, near, roughly=True, share=_TOLD)
     return None
