@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,8 +193,11 @@ def explain(
     for index, p in enumerate(prepared):
         fix_units(p, rough.here.near[index])
 
-    plain, creased = _searched(whole, coordinates, layout, rough, say, thorough=thorough)
-    search = creased or plain
+    origin = np.array(layout.null)
+    origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
+    plain, creased, search = _searched(
+        whole, coordinates, layout, rough, origin, say, thorough=thorough
+    )
     found = search.best
     say("the best model, by all points")
     for index, p in enumerate(prepared):
@@ -205,7 +208,8 @@ def explain(
     final = regression_of(weighing, fit)
     free = len(fit.here.columns)
     tempered = temper(whole, final.predictions, free)
-    chances = weighed(search.scores(tempered), tempered, search.names)
+    left = max(tempered / search.problem.tempered, 1.0)
+    chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
     groups, without, steps = _taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
@@ -271,40 +275,45 @@ def _searched(
     coordinates: Coordinates,
     layout: Layout,
     rough: Fit,
+    origin: Floats,
     say: Callable[[str], None],
     *,
     thorough: bool,
-) -> tuple[Search[Weighing], Search[Weighing] | None]:
+) -> tuple[Search[Weighing], Search[Weighing] | None, Search[Weighing]]:
     """Models weighed on as many points as the noise's correlation leaves.
 
-    The second search is that beside offsets of every point; None where they do not pay. They are
-    tried before the other fields, since they cost no coordinates.
+    The search by points as they are, that beside offsets of every point (None where they do not
+    pay), and the one whose best model holds: one of the two, or the better one gone through again
+    by what its largest model leaves.
+
+    Elimination begins where everything together leaves nothing but noise. Where all that have names
+    leave more, so do fewer: offsets are tried, which cost no coordinates, and then the fields.
     """
     data = _thinned(whole)
-    plain = _Trial.of(Weighing(data, coordinates), layout, rough, say)
+    plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
     if thorough:
         plain.ways.every()
     else:
-        plain.ways.by_elimination()
+        plain.ways.by_elimination(lambda: plain.is_content)
     if not plain.search.fits:
         plain.ways.from_below()
     if plain.is_content:
         plain.finish()
-        return plain.search, None
+        return plain.search, None, plain.search
     sizes = _offset_sizes(data, plain.regression)
     creased = None
     if any(size.any() for size in sizes):
         say("an offset of every point")
-        creased = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, say)
-        creased.ways.by_elimination()
-        if creased.search.fits and creased.is_content:
-            creased.finish()
-            return plain.search, creased.search
-    plain.ways.with_fields()
-    if creased is None or not creased.search.fits:
-        return plain.search, None
-    paid = _score(creased.search) < plain.search.best.score
-    return plain.search, creased.search if paid else None
+        beside = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, origin, say)
+        beside.ways.by_elimination(lambda: beside.is_content)
+        creased = beside if beside.search.fits else None
+    if creased is not None and creased.is_content:
+        creased.finish()
+        return plain.search, creased.search, creased.search
+    plain.ways.with_fields(lambda: plain.is_content)
+    if creased is not None and _score(creased.search) < plain.search.best.score:
+        return plain.search, creased.search, creased.thinned().search
+    return plain.search, None, plain.thinned().search
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,13 +326,18 @@ class _Trial:
 
     @classmethod
     def of(
-        cls, weighing: Weighing, layout: Layout, rough: Fit, say: Callable[[str], None]
+        cls,
+        weighing: Weighing,
+        layout: Layout,
+        rough: Fit,
+        origin: Floats,
+        say: Callable[[str], None],
     ) -> _Trial:
-        """From the fit of everything that came first."""
+        """From the fit of everything that came first; fields from the moduli alone, too."""
         names = _free(layout)
         search = Search(weighing, layout, names, say)
         free = tuple(n for n in names if is_field(n))
-        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free))
+        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
 
     @property
     def regression(self) -> Regression:
@@ -343,6 +357,26 @@ class _Trial:
         if len(self.search.best.model) > 2:
             self.ways.from_below()
         self.search.improved(self.search.best)
+
+    def thinned(self) -> _Trial:
+        """The best model without what it can do without, by the noise that it leaves.
+
+        Where the largest model leaves more than noise, that is more than any group can take away:
+        it stands in every model's residual, along the directions that groups have. Beside it as
+        noise (`temper`) groups are judged by what they take off beyond that. Roughly: what is told
+        of such a model is no finer.
+        """
+        best = self.search.best
+        if self.is_content:
+            self.search.improved(best)
+            return self
+        by = temper(self.data, self.regression.predictions, len(best.here.columns))
+        problem = self.search.problem.beside(by)
+        search = replace(self.search, problem=problem, fits={}, roughly=True)
+        found = search.fit(best.model, best.x, best.here.near)
+        if found is not None:
+            search.improved(found)
+        return replace(self, search=search, ways=replace(self.ways, search=search))
 
 
 def _score(search: Search[Weighing]) -> float:
@@ -372,7 +406,7 @@ def _of_creases(
     """What speaks for offsets of the points: the best model with them against that without."""
     best = plain.best
     odds = np.exp(-0.5 * (best.score - _score(creased)) / tempered)
-    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near)
+    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near, roughly=True)
     return Evidence(float(1.0 / (1.0 + odds)), (), regression_of(weighing, smooth), {})
 
 

@@ -239,12 +239,15 @@ class Ways(Generic[Kind]):
         What a neighbouring point is sooner found from, or None.
     fields : tuple of str
         Groups that are freed by some ways alone.
+    origin : (n,) array, optional
+        Where nothing but what every model has departs from its null; default: `start`.
     """
 
     search: Search[Kind]
     start: Floats
     near: object = None
     fields: tuple[str, ...] = ()
+    origin: Floats | None = None
 
     @property
     def _named(self) -> Search[Kind]:
@@ -252,11 +255,18 @@ class Ways(Generic[Kind]):
         names = tuple(n for n in self.search.names if n not in self.fields)
         return replace(self.search, names=names)
 
-    def by_elimination(self) -> None:
-        """Everything but the fields is freed at once, and thinned."""
+    def by_elimination(self, hopeful: Callable[[], bool] = lambda: True) -> None:
+        """Everything but the fields is freed at once, and thinned.
+
+        Parameters
+        ----------
+        hopeful : callable
+            Whether, by what was fitted so far, thinning may lead anywhere.
+        """
         named = self._named
         whole = named.layout.whole(named.names)
-        if (found := named.fit(whole, self.start, self.near, roughly=True)) is not None:
+        found = named.fit(whole, self.start, self.near, roughly=True)
+        if found is not None and hopeful():
             named.improved(found)
 
     def from_below(self) -> None:
@@ -280,24 +290,31 @@ class Ways(Generic[Kind]):
             none = named.layout.columns(freeze({}))
             named.problem.linearise(self.start, none, self.near)
 
-    def with_fields(self) -> None:
-        """Everything is freed from the start, and again with the fields freed last.
+    def with_fields(self, enough: Callable[[], bool] = lambda: False) -> Fit | None:
+        """Everything is freed from the origin, and again with the fields freed last.
 
-        Effects may take what is a field's, and fields what is an effect's.
+        Effects may take what is a field's, and fields what is an effect's. The better of the two.
+
+        Parameters
+        ----------
+        enough : callable
+            Whether what was fitted so far is as good as can be, so that no other start is needed.
         """
         layout = self.search.layout
         whole = layout.whole(self.search.names)
-        starts = [(self.start, self.near)]
+        origin = self.start if self.origin is None else self.origin
+        starts = [(origin, None), (self.start, self.near)]
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
-            starts.append((first.x, first.here.near))
+            starts[1] = (first.x, first.here.near)
         for start, near in starts:
-            if (found := self.search.fit(whole, start, near, roughly=True)) is not None:
-                self.search.improved(found)
+            if self.search.fit(whole, start, near, roughly=True) is not None and enough():
+                break
+        return self.search.fits.get(whole)
 
     def every(self) -> None:
         """All of them, one after another; raises SolveError where none leads anywhere."""
         self.by_elimination()
         self.from_below()
-        if self.fields:
-            self.with_fields()
+        if self.fields and (found := self.with_fields()) is not None:
+            self.search.improved(found)
         self.search.improved(self.search.best)
