@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,8 @@ Floats = NDArray[np.float64]
 START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
+#: Of the misfit: what shares of the gap are told to.
+_TOLD = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,13 +437,9 @@ def _taken_apart(
     more = creased or bool(scattering)
     alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
 
-    def refitted(models: Sequence[Model]) -> list[Regression | None]:
-        some = [model for model in models if model]
-        found = spread(executor, _refit, beside, some)
-        known = {freeze({}): alone, **dict(zip(some, found, strict=True))}
-        return [known[model] for model in models]
-
-    rests = refitted([_less(fit.model, [name]) for name in names])
+    rests: list[Regression | None] = [alone] * len(names)
+    if len(names) > 1:
+        rests = spread(executor, _refit, beside, [_less(fit.model, [name]) for name in names])
     without = dict(zip(names, rests, strict=True))
 
     def worth(name: str) -> float:
@@ -449,8 +448,8 @@ def _taken_apart(
 
     names.sort(key=worth, reverse=True)
     # the way up: what is taken out last, and with it all that are worth more, stands first
-    between = refitted([_less(fit.model, names[k:]) for k in range(1, len(names) - 1)])
-    fits = [alone, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
+    last_but_one = [without[names[-1]]] if len(names) > 1 else []
+    fits = [alone, *_between(weighing, layout, fit, names), *last_but_one, final]
     steps, last = [], alone
     if more:
         last = alone if names else final
@@ -468,19 +467,46 @@ def _less(model: Model, names: Iterable[str]) -> Model:
     return freeze({name: form for name, form in model if name not in gone})
 
 
+def _between(
+    weighing: Weighing, layout: Layout, fit: Fit, names: Sequence[str]
+) -> list[Regression | None]:
+    """The model with the first of its parts, the first two, ..., but for its last two.
+
+    Each is looked for from where the next larger one stands: from the whole model's the way is
+    long.
+    """
+    found = list[Regression | None]()
+    for count in range(len(names) - 2, 0, -1):
+        model = _less(fit.model, names[count:])
+        smaller = kept(partial(_smaller, weighing, layout, model, fit.x, fit.here.near))
+        fit = smaller or fit
+        found.append(regression_of(weighing, smaller) if smaller is not None else None)
+    return found[::-1]
+
+
 def _refit(
     shared: tuple[Weighing, Layout, Floats, Sequence[object]], model: Model
 ) -> Regression | None:
-    """A smaller model, from where the larger one stands; None where nothing balances.
+    """A smaller model, from where the larger one stands; None where nothing balances."""
+    weighing, layout, x, near = shared
+    with one_blas_thread():
+        fit = _smaller(weighing, layout, model, x, near)
+        return regression_of(weighing, fit) if fit is not None else None
+
+
+def _smaller(
+    weighing: Weighing, layout: Layout, model: Model, x: Floats, near: object
+) -> Fit | None:
+    """A smaller model from where a larger one stands; None where nothing balances.
 
     Roughly: what it leaves is hundreds of times the noise if its parts matter, and the valleys
-    there are long; where they hardly do, the first step leads to the bottom.
+    there are long; where they hardly do, the first step leads to the bottom. What a step changes
+    by less than a per cent of the misfit is no other figure in a budget of whole per cents.
     """
-    weighing, layout, x, near = shared
     # what a specimen remembers of earlier solves differs from process to process, in the last bits
     weighing = weighing.afresh()
-    with one_blas_thread(), suppress(SolveError, InputError):
-        return regression_of(weighing, descend(weighing, layout, model, x, near, roughly=True))
+    with suppress(SolveError, InputError):
+        return descend(weighing, layout, model, x, near, roughly=True, share=_TOLD)
     return None
 
 
