@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.fields.base import Sampled
+from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import InputError, SolveError
@@ -182,7 +182,7 @@ def explain(
     whole = [p.data for p in prepared]
     several = len(whole) > 1
     # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
-    usable += [f for f in fields().values() if f.parameters and (several or not f.shared)]
+    usable += [f for f in _stepped_fields(whole) if several or not f.shared]
     if several:
         usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]
@@ -199,7 +199,7 @@ def explain(
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
     plain, creased, search = _searched(
-        whole, coordinates, layout, rough, origin, say, thorough=thorough
+        prepared, coordinates, layout, rough, origin, say, thorough=thorough
     )
     found = search.best
     say("the best model, by all points")
@@ -238,6 +238,16 @@ def explain(
     )
 
 
+def _stepped_fields(data: Sequence[Data]) -> list[Field]:
+    """Fields that have coordinates, and of the tests all that they need."""
+    tests = [d.specimen.test for d in data]
+    return [
+        f
+        for f in fields().values()
+        if f.parameters and all(getattr(t, need) is not None for t in tests for need in f.needs)
+    ]
+
+
 def _catalogued(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(n for n in names if not is_field(n))
 
@@ -274,7 +284,7 @@ def _thinned(data: Sequence[Data]) -> list[Data]:
 
 
 def _searched(
-    whole: Sequence[Data],
+    prepared: Sequence[Prepared],
     coordinates: Coordinates,
     layout: Layout,
     rough: Fit,
@@ -291,8 +301,9 @@ def _searched(
 
     Elimination begins where everything together leaves nothing but noise. Where all that have names
     leave more, so do fewer: offsets are tried, which cost no coordinates, and then the fields.
+    Units that were fixed by a fit that missed are fixed anew.
     """
-    data = _thinned(whole)
+    data = _thinned([p.data for p in prepared])
     plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
     if thorough:
         plain.ways.every()
@@ -313,10 +324,13 @@ def _searched(
     if creased is not None and creased.is_content:
         creased.finish()
         return plain.search, creased.search, creased.search
-    plain.ways.with_fields(lambda: plain.is_content)
-    if creased is not None and _score(creased.search) < plain.search.best.score:
-        return plain.search, creased.search, creased.thinned().search
-    return plain.search, None, plain.thinned().search
+    plain.ways.with_fields()
+    paid = creased is not None and _score(creased.search) < plain.search.best.score
+    chosen = creased if creased is not None and paid else plain
+    for index, p in enumerate(prepared):
+        fix_units(p, chosen.search.best.here.near[index])
+    found = chosen.anew(_thinned([p.data for p in prepared])).thinned().search
+    return plain.search, creased.search if creased is not None and paid else None, found
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,6 +375,14 @@ class _Trial:
             self.ways.from_below()
         self.search.improved(self.search.best)
 
+    def anew(self, data: Sequence[Data]) -> _Trial:
+        """The best model alone, by data in other units."""
+        best, problem = self.search.best, self.search.problem
+        weighing = Weighing(data, problem.coordinates, problem.offsets)
+        search = replace(self.search, problem=weighing, fits={})
+        search.fit(best.model, best.x, best.here.near, roughly=True)
+        return replace(self, data=data, search=search, ways=replace(self.ways, search=search))
+
     def thinned(self) -> _Trial:
         """The best model without what it can do without, by the noise that it leaves.
 
@@ -369,16 +391,12 @@ class _Trial:
         noise (`temper`) groups are judged by what they take off beyond that. Roughly: what is told
         of such a model is no finer.
         """
-        best = self.search.best
-        if self.is_content:
-            self.search.improved(best)
-            return self
-        by = temper(self.data, self.regression.predictions, len(best.here.columns))
-        problem = self.search.problem.beside(by)
-        search = replace(self.search, problem=problem, fits={}, roughly=True)
-        found = search.fit(best.model, best.x, best.here.near)
-        if found is not None:
-            search.improved(found)
+        best, search = self.search.best, self.search
+        if not self.is_content:
+            by = temper(self.data, self.regression.predictions, len(best.here.columns))
+            search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
+            best = search.fit(best.model, best.x, best.here.near) or best
+        search.improved(best)
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
 

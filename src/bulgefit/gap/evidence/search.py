@@ -301,15 +301,16 @@ class Ways(Generic[Kind]):
             none = named.layout.columns(freeze({}))
             named.problem.linearise(self.start, none, self.near)
 
-    def with_fields(self, enough: Callable[[], bool] = lambda: False) -> Fit | None:
-        """Everything is freed from the origin, and again with the fields freed last.
+    def with_fields(self, *, thorough: bool = False) -> Fit | None:
+        """Everything is freed from the origin; if that is a trap, with the fields freed last.
 
-        Effects may take what is a field's, and fields what is an effect's. The better of the two.
+        Effects may take what is a field's, and fields what is an effect's. A model that is worse
+        than one it contains was trapped.
 
         Parameters
         ----------
-        enough : callable
-            Whether what was fitted so far is as good as can be, so that no other start is needed.
+        thorough : bool
+            From both starts in any case.
         """
         layout = self.search.layout
         whole = layout.whole(self.search.names)
@@ -318,7 +319,8 @@ class Ways(Generic[Kind]):
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
             starts[1] = (first.x, first.here.near)
         for start, near in starts:
-            if self.search.fit(whole, start, near, roughly=True) is not None and enough():
+            found = self.search.fit(whole, start, near, roughly=True)
+            if found is not None and found is self.search.best and not thorough:
                 break
         return self.search.fits.get(whole)
 
@@ -326,6 +328,6 @@ class Ways(Generic[Kind]):
         """All of them, one after another; raises SolveError where none leads anywhere."""
         self.by_elimination()
         self.from_below()
-        if self.fields and (found := self.with_fields()) is not None:
+        if self.fields and (found := self.with_fields(thorough=True)) is not None:
             self.search.improved(found)
         self.search.improved(self.search.best)
