@@ -21,7 +21,8 @@ EVERY = [field for field in fields().values() if field.parameters]
 def virtual() -> VirtualTest:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-65, 65, (40, 2)), np.zeros(40)])
-    test = BulgeTest.from_arrays(points, np.zeros((3, 40, 3)), np.array([0.02, 0.1, 0.25]))
+    pressure, time = np.array([0.02, 0.1, 0.25]), np.array([5.0, 25.0, 405.0])
+    test = BulgeTest.from_arrays(points, np.zeros((3, 40, 3)), pressure, time=time)
     return VirtualTest(test, Setup(refine=2))
 
 
@@ -65,7 +66,7 @@ def test_a_soft_spot_is_where_its_bump_is():
     found = field.sampled(own(field, **{f"b{k}": -0.6}), 100.0, np.array([0.1]))
     size, where = found.largest
     assert size == pytest.approx(np.expm1(-0.6), abs=0.01)
-    assert np.hypot(where["x_mm"] - 44.0, where["y_mm"] + 22.0) < 2.0
+    assert np.hypot(*([where["x_mm"], where["y_mm"]] - 100.0 * CENTRES[k])) < 2.0
     assert 0.0 < found.rms < 0.2
 
 
@@ -89,3 +90,14 @@ def test_frames_that_shift_are_told_by_their_size():
     field, pressure = fields()["frame_field"], np.linspace(0.01, 0.25, 9)
     found = field.sampled(own(field, z00_0=0.3, x00_0=0.4), 100.0, pressure)
     np.testing.assert_allclose(found.values, 0.5)
+
+
+def test_a_drift_goes_with_the_time(virtual: VirtualTest):
+    """Half a minute to the second frame, six more to the third."""
+    plain = virtual.predict(VALUES)
+    drifted = virtual.predict({**VALUES, "drift_field.x00_1": 0.4}, near=plain.shapes)
+    moved = (drifted.displacement - plain.displacement)[:, :, 0]
+    np.testing.assert_allclose(moved, np.array([[0.0], [0.02], [0.4]]) * np.ones(40), atol=1e-6)
+    field = fields()["drift_field"]
+    size, where = field.sampled(own(field, x00_1=0.4), 100.0, np.array([0.1])).largest
+    assert (size, where) == (pytest.approx(0.4), {"time_share": 1.0})
