@@ -17,6 +17,9 @@ __all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene"]
 
 Floats = NDArray[np.float64]
 
+#: MPa.
+_BAR = 0.1
+
 #: Effects of the cameras of a higher `order` act on what the moved frame shows.
 MOTION = 10
 
@@ -90,6 +93,14 @@ class Clamping:
     pressure: Floats
     compliance: float | None = None
     lift: Floats | None = None
+
+    def opened(self, shape: float) -> Floats:
+        """How far (frames,) bar an edge rises that goes up by 1 a bar at first.
+
+        (1 - exp(-shape p))/shape, shape in 1/bar: it is concave, since screws stiffen.
+        """
+        bar = np.maximum(self.pressure, 0.0) / _BAR
+        return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
 
     def lifted(self, by: Floats) -> Floats:
         """`lift` and further (frames, rim) mm."""
