@@ -124,6 +124,49 @@ def test_the_rim_rises_by_its_waves_and_less_as_pressure_grows(virtual: VirtualT
     assert "angle_degree" in where
 
 
+SLIP = {"slip_field.c2_0": 0.2, "slip_field.s3_0": -0.1, "slip_field.c0_1": 0.05}
+
+
+def inwards(angle: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """What SLIP says, (frames, n) mm."""
+    load = (pressure[:, None] / 0.25) ** (2 / 3)
+    even = 0.2 * np.cos(2 * angle) - 0.1 * np.sin(3 * angle)
+    return load * (even + 0.05 * np.cos(np.pi * load))
+
+
+def test_the_rim_moves_inwards_by_its_waves(virtual: VirtualTest):
+    shapes = virtual.shapes({**VALUES, **SLIP})
+    rim = virtual.mesh.nodes[virtual.mesh.rim]
+    angle = np.arctan2(rim[:, 1], rim[:, 0])
+    moved = inwards(angle, virtual.recorded)[..., None] * -rim / 100.0
+    np.testing.assert_allclose(shapes.displacement[:, virtual.mesh.rim, :2], moved, atol=1e-12)
+    given = {name.partition(".")[2]: value for name, value in SLIP.items()}
+    found = fields()["slip_field"].sampled(
+        own(fields()["slip_field"], **given), 100.0, virtual.recorded
+    )
+    by_angle = inwards(np.deg2rad(found.where["angle_degree"]), virtual.recorded)[-1]
+    np.testing.assert_allclose(found.values, by_angle, atol=1e-12)
+
+
+def test_a_rim_on_springs_is_pulled_at_their_ends(virtual: VirtualTest):
+    """Hard springs do as a rim that is held; derivatives by both are those of differences."""
+    stiff = {"clamp_slip.compliance": 2e-6}
+    held = virtual.shapes({**VALUES, **SLIP})
+    sprung = virtual.shapes({**VALUES, **SLIP, **stiff}, near=held)
+    np.testing.assert_allclose(sprung.displacement, held.displacement, atol=3e-4)
+    values = {**VALUES, **SLIP, "clamp_slip.compliance": 0.02, "lift_field.c2": 0.1}
+    names = ["slip_field.c2_0", "slip_field.c0_1", "clamp_slip.compliance", "lift_field.c2"]
+    here = virtual.predict(values, names, sprung)
+    for name, derivative in zip(names, here.derivative, strict=True):
+        step = 1e-3 if name == "clamp_slip.compliance" else 0.01
+        ahead, behind = (
+            virtual.predict({**values, name: values[name] + h}, near=here.shapes).displacement
+            for h in (step, -step)
+        )
+        change = (ahead - behind) / (2.0 * step)
+        np.testing.assert_allclose(derivative, change, atol=2e-3 * np.abs(change).max())
+
+
 def test_a_gauge_that_errs_is_told_by_pressure():
     field, pressure = fields()["pressure_field"], np.linspace(0.01, 0.25, 9)
     found = field.sampled(own(field, c1=0.02), 100.0, pressure)
