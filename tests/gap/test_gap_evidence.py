@@ -295,6 +295,20 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
     assert solves[True] < solves[False] - 2
 
 
+def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():
+    """Along a bent valley, with most of the way behind it and more than a share left."""
+    problem = Known([group("a", [50.0, 50.0])], np.array([0.0, 10.0]), rosenbrock)
+    layout = Layout.of(problem.groups)
+    whole, part = (
+        descend(problem, layout, layout.whole(), np.array([-8.0, 1.0]), share=share)
+        for share in (0.0, 0.9)
+    )
+    assert whole.converged
+    assert not part.converged
+    assert part.steps < whole.steps
+    assert whole.here.square < part.here.square < rosenbrock(np.array([-8.0, 1.0]))[0][0] ** 2
+
+
 @pytest.mark.parametrize("lacking", [0.0, 300.0])
 def test_a_descent_ends_within_the_standard_errors_that_the_misfit_leaves(lacking):
     """As soon beside something that no coordinate follows, and beside its errors as near."""
@@ -448,7 +462,22 @@ def test_growth_gathers_fewer_groups_than_the_best_model_has():
     before = set(search.fits)
     ways.from_below()
     grown = set(search.fits) - before
-    assert max(len(model) for model in grown) == 3
+    assert max(len(model) for model in grown) <= 3
+
+
+def test_growth_ends_where_the_changes_that_are_left_cannot_reach_the_best_model():
+    """Of four equal parts, one more of which takes off no more than the last: two are in vain."""
+    rng = np.random.default_rng(12)
+    rows = np.linalg.qr(rng.normal(size=(60, 6)))[0] * 10.0
+    measured = rows @ [1.0, 1.0, 1.0, 1.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(6)], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(6))
+    ways.by_elimination()
+    assert len(search.best.model) == 4
+    before = set(search.fits)
+    ways.from_below()
+    assert {len(model) for model in set(search.fits) - before} == {0}
 
 
 def test_no_equilibrium_is_lost_on_the_way():

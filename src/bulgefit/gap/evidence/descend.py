@@ -70,6 +70,7 @@ def descend(
     steps: int = STEPS,
     *,
     roughly: bool = False,
+    share: float = 0.0,
 ) -> Fit:
     """Minimise |r|²/v + Σ((x - n)/s)² over a model's coordinates.
 
@@ -136,6 +137,8 @@ def descend(
             taken += 1
             if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
+                break
+            if gained < share * value:
                 break
     found = laplace(here, layout, columns, problem.inflation)
     return Fit(model, here.light(), found.score, found.covariance, converged, taken)

@@ -101,11 +101,15 @@ class Search(Generic[Kind]):
         Parameters
         ----------
         fewer : int, optional
-            Go no further by models of so many groups, unless one is the best of all.
+            Go no further by models of so many groups, unless one is the best of all; nor where as
+            many changes as are left, each as good as the next one, lead to no better one. What one
+            change gains after another falls, as a rule (Das and Kempe, 2011, "Submodular meets
+            spectral").
         """
         while fewer is None or len(fit.model) < fewer or fit is self.best:
             around = self.around(fit)
-            better = self._thinned(fit, around) or self._changed(fit, around)
+            changes = fewer - len(fit.model) if fewer is not None and fit is not self.best else None
+            better = self._thinned(fit, around) or self._changed(fit, around, changes)
             if better is None:
                 break
             fit = better
@@ -167,8 +171,11 @@ class Search(Generic[Kind]):
             reach //= 2
         return None
 
-    def _changed(self, fit: Fit, around: Linearised) -> Fit | None:
-        """With the change that raises the evidence, of those that are forecast to do so most."""
+    def _changed(self, fit: Fit, around: Linearised, changes: int | None = None) -> Fit | None:
+        """With the change that raises the evidence, of those that are forecast to do so most.
+
+        None, too, where so many `changes` of the forecast gain do not reach the best model.
+        """
         here = self._forecast(around, fit.model)
         options = []
         for model in self._neighbours(fit.model):
@@ -180,6 +187,10 @@ class Search(Generic[Kind]):
             if forecast < here:
                 options.append((forecast, model))
         tried = sorted(options, key=lambda o: o[0])[:TRIES]
+        if changes is not None and tried:
+            gain = here - tried[0][0]
+            if fit.score - changes * gain > self.best.score:
+                return None
         for _, model in tried:
             found = self._refit(model, around)
             if found is not None and found.score < fit.score:
