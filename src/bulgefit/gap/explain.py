@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +13,11 @@ from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import fields, scatter
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import SolveError
+from bulgefit.gap.apart import taken_apart
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import (
-    MATERIAL,
     Coordinates,
     effect_of,
     is_field,
@@ -28,19 +26,18 @@ from bulgefit.gap.evidence.coordinates import (
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
-from bulgefit.gap.evidence.problem import Layout, Model, freeze
+from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.residual.structure import Structure, structure
+from bulgefit.gap.residual.structure import structure
 from bulgefit.parallel.journal import kept
-from bulgefit.parallel.spread import spread
-from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["Evidence", "Explanation", "FoundField", "Known", "Step", "explain"]
+__all__ = ["START", "explain"]
 
 Floats = NDArray[np.float64]
 
@@ -50,99 +47,6 @@ START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 LEAST_POINTS = 400
 #: How often units are fixed anew where fields are freed.
 _UNITS = 2
-#: Of the misfit: what shares of the gap are told to.
-_TOLD = 0.01
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What speaks for a group of the final model.
-
-    Attributes
-    ----------
-    probability : float
-    rivals : tuple of str
-        Groups of which one may stand in its place, where it is not sure.
-    without : Regression or None
-        The rest of the model, refitted; None where nothing balances.
-    pulls : dict of Key to float
-        Distance of each parameter from its null in prior widths.
-    """
-
-    probability: float
-    rivals: tuple[str, ...]
-    without: Regression | None
-    pulls: dict[Key, float]
-
-    @property
-    def sure(self) -> bool:
-        """Whether the group is sure by itself."""
-        return self.probability >= SURE
-
-
-@dataclass(frozen=True, eq=False)
-class FoundField:
-    """A field of the final model: something sits in its place that no effect describes."""
-
-    group: str
-    sampled: Sampled
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """The model with one group more."""
-
-    group: str
-    before: Regression
-    after: Regression
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """Normal matrix of every catalogue effect's coordinates at the final model."""
-
-    keys: tuple[Key, ...]
-    hessian: Floats
-
-
-@dataclass(eq=False)
-class Explanation:
-    """What was found.
-
-    Attributes
-    ----------
-    baseline, final : Regression
-    known : Known
-    groups : dict of group (`effect`, or `effect@i` of specimen i) to its freed keys
-        Those of the final model, what takes most off the gap first; fields among them.
-    evidence : dict of group to Evidence
-    others : dict of group to float
-        Probabilities of candidates that are not in the final model.
-    fields : list of FoundField
-    steps : list of Step
-        From the moduli alone to the final model, group by group.
-    start, remainder : Structure
-        Of the baseline's residual and of the final model's.
-    temper : float
-        By which differences of the evidence were divided.
-    """
-
-    baseline: Regression
-    final: Regression
-    known: Known
-    groups: dict[str, tuple[Key, ...]]
-    evidence: dict[str, Evidence]
-    others: dict[str, float]
-    fields: list[FoundField]
-    steps: list[Step]
-    start: Structure
-    remainder: Structure
-    temper: float
-
-    @property
-    def complete(self) -> bool:
-        """Whether effects that have names explain the gap down to the noise."""
-        return not self.fields and not self.remainder.significant
 
 
 def explain(
@@ -216,7 +120,7 @@ def explain(
     left = max(tempered / search.problem.tempered, 1.0)
     chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
-    groups, without, steps = _taken_apart(weighing, layout, fit, final, baseline, executor)
+    groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
@@ -443,95 +347,6 @@ def _creases(data: Sequence[Data], final: Regression) -> Sampled:
     assert offset is not None
     x, y = data[0].specimen.reference[:, :2].T
     return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
-
-
-def _taken_apart(
-    weighing: Weighing,
-    layout: Layout,
-    fit: Fit,
-    final: Regression,
-    baseline: Regression,
-    executor: Executor,
-) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
-    """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = sorted(name for name, _ in fit.model)
-    beside = (weighing, layout, fit.x, fit.here.near)
-    creased = weighing.offsets is not None
-    scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
-    more = creased or bool(scattering)
-    alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
-
-    rests: list[Regression | None] = [alone] * len(names)
-    if len(names) > 1:
-        rests = spread(executor, _refit, beside, [_less(fit.model, [name]) for name in names])
-    without = dict(zip(names, rests, strict=True))
-
-    def worth(name: str) -> float:
-        rest = without[name]
-        return np.inf if rest is None else rest.held_out()
-
-    names.sort(key=worth, reverse=True)
-    # the way up: what is taken out last, and with it all that are worth more, stands first
-    last_but_one = [without[names[-1]]] if len(names) > 1 else []
-    fits = [alone, *_between(weighing, layout, fit, names), *last_but_one, final]
-    steps, last = [], alone
-    if more:
-        last = alone if names else final
-        steps.append(
-            Step(" + ".join([*scattering, *([CREASES] if creased else [])]), baseline, last)
-        )
-    for name, after in zip(names, fits[1:], strict=True) if names else ():
-        steps.append(Step(name, last, after or last))
-        last = after or last
-    return names, without, steps
-
-
-def _less(model: Model, names: Iterable[str]) -> Model:
-    gone = set(names)
-    return freeze({name: form for name, form in model if name not in gone})
-
-
-def _between(
-    weighing: Weighing, layout: Layout, fit: Fit, names: Sequence[str]
-) -> list[Regression | None]:
-    """The model with the first of its parts, the first two, ..., but for its last two.
-
-    Each is looked for from where the next larger one stands: from the whole model's the way is
-    long.
-    """
-    found = list[Regression | None]()
-    for count in range(len(names) - 2, 0, -1):
-        model = _less(fit.model, names[count:])
-        smaller = kept(partial(_smaller, weighing, layout, model, fit.x, fit.here.near))
-        fit = smaller or fit
-        found.append(regression_of(weighing, smaller) if smaller is not None else None)
-    return found[::-1]
-
-
-def _refit(
-    shared: tuple[Weighing, Layout, Floats, Sequence[object]], model: Model
-) -> Regression | None:
-    """A smaller model, from where the larger one stands; None where nothing balances."""
-    weighing, layout, x, near = shared
-    with one_blas_thread():
-        fit = _smaller(weighing, layout, model, x, near)
-        return regression_of(weighing, fit) if fit is not None else None
-
-
-def _smaller(
-    weighing: Weighing, layout: Layout, model: Model, x: Floats, near: object
-) -> Fit | None:
-    """A smaller model from where a larger one stands; None where nothing balances.
-
-    Roughly: what it leaves is hundreds of times the noise if its parts matter, and the valleys
-    there are long; where they hardly do, the first step leads to the bottom. What a step changes
-    by less than a per cent of the misfit is no other figure in a budget of whole per cents.
-    """
-    # what a specimen remembers of earlier solves differs from process to process, in the last bits
-    weighing = weighing.afresh()
-    with suppress(SolveError, InputError):
-        return descend(weighing, layout, model, x, near, roughly=True, share=_TOLD)
-    return None
 
 
 def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:
