@@ -9,12 +9,14 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.fields.base import Field
 from bulgefit.effects.fields.stiffness_field import CENTRES
+from bulgefit.effects.places import Cloth
 from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields, scatter
 from bulgefit.errors import InputError
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
 VALUES = {"E1": 330.0, "E2": 210.0, "G12": 20.0, "initial_shape.h0": 0.5}
+NAMES = [p.name for p in fields()["stiffness_field"].parameters]
 EVERY = [field for field in fields().values() if field.parameters]
 
 
@@ -70,6 +72,21 @@ def test_a_soft_spot_is_where_its_bump_is():
     assert size == pytest.approx(np.expm1(-0.6), abs=0.01)
     assert np.hypot(*([where["x_mm"], where["y_mm"]] - 100.0 * CENTRES[k])) < 2.0
     assert 0.0 < found.rms < 0.2
+
+
+@pytest.mark.parametrize("place", [(0.15, -0.53), (-0.31, 0.22), (0.0, 0.07)])
+def test_a_narrow_soft_spot_is_followed(place: tuple[float, float]):
+    """Of 42 % and 0.13 of the radius, between the bumps as on them: within 5 % of its height."""
+    field = fields()["stiffness_field"]
+    line = np.linspace(-0.95, 0.95, 60)
+    points = np.stack(np.meshgrid(line, line), axis=-1).reshape(1, -1, 2)
+    points = points[:, np.hypot(*points[0].T) <= 0.95]
+    cloth = Cloth(1.0, 1.0, 1.0, 0.2, points)
+    bumps = np.log([field.material(own(field, **{n: 1.0}), cloth).thickness[0] for n in NAMES])
+    square = ((points[0] - place) ** 2).sum(axis=1)
+    spot = np.log(1.0 - 0.42 * np.exp(-0.5 * square / 0.13**2))
+    heights, *_ = np.linalg.lstsq(bumps.T, spot, rcond=1e-6)
+    assert np.abs(bumps.T @ heights - spot).max() < 0.05 * np.abs(spot).max()
 
 
 def test_a_lobe_is_at_its_angle():

@@ -480,6 +480,39 @@ def test_growth_ends_where_the_changes_that_are_left_cannot_reach_the_best_model
     assert {len(model) for model in set(search.fits) - before} == {0}
 
 
+def test_elimination_waits_where_everything_together_leaves_more():
+    """Only what has a name was freed, all of it, and nothing taken out."""
+    rng = np.random.default_rng(13)
+    rows = rng.normal(size=(60, 4))
+    measured = rows @ [1.0, 0.0, 0.0, 9.0] + 0.1 * rng.normal(size=60)
+    search = searched(linear([group(f"g{i}", [10.0]) for i in range(4)], rows, measured))
+    ways = Ways(search, np.zeros(4), fields=("g3",))
+    ways.by_elimination(lambda: False)
+    assert set(search.fits) == {freeze({"g0": 0, "g1": 0, "g2": 0})}
+    found = ways.with_fields()
+    assert found is search.best
+    assert found.x[3] == pytest.approx(9.0, abs=0.1)
+    assert search.improved(found).model == freeze({"g0": 0, "g3": 0})
+
+
+def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
+    """From the origin nothing balances; or what is found is worse than a model it contains."""
+    rng = np.random.default_rng(14)
+    rows = rng.normal(size=(40, 2))
+    measured = rows @ [1.0, 2.0] + 0.1 * rng.normal(size=40)
+    problem = linear([group("g", [10.0]), group("f", [10.0])], rows, measured, end=20.0)
+    search = searched(problem)
+    beyond = Ways(search, np.zeros(2), fields=("f",), origin=np.full(2, 30.0))
+    assert beyond.with_fields() is search.best
+    named, ways = freeze({"g": 0}), Ways(search, np.zeros(2), fields=("f",), origin=np.ones(2))
+    before = problem.solves
+    ways.with_fields()
+    once = problem.solves - before
+    search.fits[named] = replace(search.best, model=named, score=search.best.score - 1.0)
+    ways.with_fields()
+    assert problem.solves - before > 2 * once
+
+
 def test_no_equilibrium_is_lost_on_the_way():
     """Two coordinates that only differ far out, where nothing balances, stay within it."""
     rng = np.random.default_rng(8)

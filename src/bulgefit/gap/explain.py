@@ -45,6 +45,8 @@ Floats = NDArray[np.float64]
 START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
+#: How often units are fixed anew where fields are freed.
+_UNITS = 2
 
 
 def explain(
@@ -205,7 +207,8 @@ def _searched(
 
     Elimination begins where everything together leaves nothing but noise. Where all that have names
     leave more, so do fewer: offsets are tried, which cost no coordinates, and then the fields.
-    Units that were fixed by a fit that missed are fixed anew.
+    Units that were fixed by a fit that missed are fixed anew, by everything and by what is left of
+    it: with all fields free the shape is off by more than the errors of what is then taken out.
     """
     data = _thinned([p.data for p in prepared])
     plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
@@ -231,10 +234,13 @@ def _searched(
     plain.ways.with_fields()
     paid = creased is not None and _score(creased.search) < plain.search.best.score
     chosen = creased if creased is not None and paid else plain
-    for index, p in enumerate(prepared):
-        fix_units(p, chosen.search.best.here.near[index])
-    found = chosen.anew(_thinned([p.data for p in prepared])).thinned().search
-    return plain.search, creased.search if creased is not None and paid else None, found
+    found = chosen
+    for _ in range(_UNITS):
+        say("units anew")
+        for index, p in enumerate(prepared):
+            fix_units(p, found.search.best.here.near[index])
+        found = found.anew(_thinned([p.data for p in prepared])).thinned()
+    return plain.search, creased.search if creased is not None and paid else None, found.search
 
 
 @dataclass(frozen=True, eq=False)
