@@ -200,9 +200,8 @@ def test_a_gauge_that_lags_or_walks_is_followed(name: str, missed: float):
     Six terms leave Σ 1/k² beyond 6 over all of a walk's variance, 0.093, the root of which is 0.31.
     """
     field, share = fields()["pressure_field"], np.linspace(0.005, 1.0, 200)
-    basis = np.stack(
-        [field.sampled(own(field, **{p.name: 1.0}), 100.0, share).values for p in field.parameters]
-    )
+    names = [p.name for p in field.parameters]
+    basis = np.stack([field.sampled(own(field, **{n: 1.0}), 100.0, share).values for n in names])
     walk = np.cumsum(np.random.default_rng(1).normal(size=(200, 200)), axis=1)
     errors = {"bow": (4.0 * share * (1.0 - share))[None], "walk": walk - share * walk[:, -1:]}
     left = errors[name] - np.linalg.lstsq(basis.T, errors[name].T)[0].T @ basis

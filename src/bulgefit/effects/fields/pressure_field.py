@@ -20,15 +20,27 @@ Floats = NDArray[np.float64]
 _BAR = 0.1
 #: Standard deviation (bar) of the error in the middle of the range.
 _MIDDLE = 0.01
-#: k of sin(kπ p/p_max): what the error is at either end is an offset, which has an effect of its
-#: own, and a gain, which nothing shows. Between them an error that walks, smoothly or in steps, is
-#: a Brownian bridge: terms of standard deviations √2 σ/kπ, with σ/2 in the middle (Karhunen and
-#: Loève).
+#: k of sin(kπ p/p_max). What the error is at no pressure is an offset, which has an effect of its
+#: own; at the highest (`end`) a gain, which nothing shows, so that it only widens the errors of the
+#: moduli. Between the two an error that walks, smoothly or in steps, is a Brownian bridge: terms of
+#: standard deviations √2 σ/kπ, with σ/2 in the middle (Karhunen and Loève).
 _WAYS = (1, 2, 3, 4, 5, 6)
 
 
+def _part(name: str, prior: float) -> Parameter:
+    return Parameter(
+        name,
+        "bar",
+        -0.3,
+        0.3,
+        prior=prior,
+        reason="gauges of 4 bar are linear to a quarter of a per cent of their range",
+        step=1e-5,
+    )
+
+
 class PressureField(Field):
-    """Recorded minus true pressure: Σ s_k sin(kπ p/p_max), p recorded."""
+    """Recorded minus true pressure: end p/p_max + Σ s_k sin(kπ p/p_max), p recorded."""
 
     id = "pressure_field"
     place = "load"
@@ -36,17 +48,9 @@ class PressureField(Field):
     remedy = "calibrate the gauge over its range, rising and falling"
     quantity = "recorded minus true pressure"
     unit = "bar"
-    parameters = tuple(
-        Parameter(
-            f"s{k}",
-            "bar",
-            -0.3,
-            0.3,
-            prior=2.0 * _MIDDLE * math.sqrt(2.0) / (k * math.pi),
-            reason="gauges of 4 bar are linear to a quarter of a per cent of their range",
-            step=1e-5,
-        )
-        for k in _WAYS
+    parameters = (
+        _part("end", _MIDDLE),
+        *(_part(f"s{k}", 2.0 * _MIDDLE * math.sqrt(2.0) / (k * math.pi)) for k in _WAYS),
     )
     order = 9
 
@@ -63,8 +67,9 @@ class PressureField(Field):
 
 def _error(own: Own, recorded: Floats) -> Floats:
     """Recorded minus true pressure (frames,), bar."""
-    way = np.pi * recorded / recorded.max()
-    return np.asarray(sum(own[f"s{k}"] * np.sin(k * way) for k in _WAYS))
+    share = recorded / recorded.max()
+    between = sum(own[f"s{k}"] * np.sin(k * np.pi * share) for k in _WAYS)
+    return np.asarray(own["end"] * share + between)
 
 
 EFFECT = PressureField()
