@@ -98,7 +98,10 @@ def test_a_lobe_is_at_its_angle():
 
 def test_a_gauge_that_errs_is_told_by_pressure():
     field, pressure = fields()["pressure_field"], np.linspace(0.01, 0.25, 9)
-    found = field.sampled(own(field, c1=0.02), 100.0, pressure)
+    # a bow: P_2 is 1 - 6 x (1 - x)
+    found = field.sampled(own(field, c2=-0.02), 100.0, pressure)
+    share = pressure / 0.25
+    np.testing.assert_allclose(found.values, 0.12 * share * (1.0 - share) - 0.02)
     size, where = found.largest
     assert (size, where) == (pytest.approx(-0.02), {"pressure_bar": pytest.approx(2.5)})
 

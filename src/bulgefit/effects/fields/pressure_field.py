@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Own, several
@@ -16,13 +17,17 @@ __all__ = ["EFFECT"]
 Floats = NDArray[np.float64]
 
 _BAR = 0.1
-#: cos(kπ p/p_max) from k = 1: what is constant is an offset, which has an effect of its own.
-_WAYS = (1, 2, 3, 4)
-_NAMES = tuple(f"c{k}" for k in _WAYS)
+#: Degrees: what is constant is an offset, which has an effect of its own, and what is in proportion
+#: to pressure a gain, which no displacement tells from stiffness.
+_DEGREES = (2, 3, 4, 5)
+_NAMES = tuple(f"c{k}" for k in _DEGREES)
 
 
 class PressureField(Field):
-    """Recorded minus true pressure: Σ c_k cos(kπ p/p_max), p recorded."""
+    """Recorded minus true pressure: Σ c_k P_k(2p/p_max - 1), p recorded, P_k Legendre's.
+
+    Polynomials follow a bow that ends where pressure does; cosines, level at both ends, would not.
+    """
 
     id = "pressure_field"
     place = "load"
@@ -53,8 +58,9 @@ class PressureField(Field):
 
 def _error(own: Own, recorded: Floats) -> Floats:
     """Recorded minus true pressure (frames,), bar."""
-    way = np.pi * recorded / recorded.max()
-    return np.asarray(sum(own[f"c{k}"] * np.cos(k * way) for k in _WAYS))
+    series = np.zeros(_DEGREES[-1] + 1)
+    series[list(_DEGREES)] = [own[name] for name in _NAMES]
+    return legval(2.0 * recorded / recorded.max() - 1.0, series)
 
 
 EFFECT = PressureField()
