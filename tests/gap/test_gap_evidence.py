@@ -349,6 +349,28 @@ def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
     assert fit.x @ soft == pytest.approx(300.0 / 1.01, rel=1e-3)
 
 
+@pytest.mark.parametrize("missed", [0.0, 2000.0])
+def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
+    """A flat bottom, to which steps come ever less near, beside a value that nothing changes."""
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = np.zeros(200_000), np.zeros((200_000, 1))
+        value[:2], rows[0] = [x[0] ** 4, missed], 4.0 * x[0] ** 3
+        return value, rows
+
+    problem = Known([group("a", [1e2])], np.zeros(200_000), curve)
+    layout = Layout.of(problem.groups)
+    plain, fit = (
+        descend(problem, layout, layout.whole(), np.array([-8.0]), to_noise=given_up)
+        for given_up in (False, True)
+    )
+    assert plain.here.square - missed**2 < 2000.0
+    if missed:
+        assert 1 < fit.steps < plain.steps
+    else:
+        np.testing.assert_array_equal(fit.x, plain.x)
+
+
 def test_a_descent_that_starts_where_nothing_balances_says_so():
     problem = Known([group("a", [5.0, 5.0])], np.zeros(2), rosenbrock, end=0.5)
     layout = Layout.of(problem.groups)

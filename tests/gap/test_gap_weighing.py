@@ -151,6 +151,16 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     assert found.held_out() < 1.3 * found.normal.count
 
 
+def test_a_regression_keeps_no_derivatives(data: Data) -> None:
+    """Nor a view of them: a hundred megabytes each, where fields are free and refits are many."""
+    weighing, layout = weighing_of([data])
+    model = layout.whole(("clamp_slip",))
+    fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
+    (kept,) = regression_of(weighing, fit).predictions
+    assert kept.derivative.size == 0
+    assert kept.derivative.base is None
+
+
 def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
     assert temper([data], [prediction], free=4) == pytest.approx(1.0, abs=0.2)

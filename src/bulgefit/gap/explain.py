@@ -175,11 +175,11 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return kept(lambda: descend(weighing, layout, model, start, roughly=True))
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True, to_noise=True))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return kept(lambda: descend(weighing, layout, model, other, roughly=True))
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True, to_noise=True))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
@@ -283,6 +283,7 @@ class _Trial:
         """
         if len(self.search.best.model) > 2:
             self.ways.from_below()
+            self.ways.from_below(fields=True)
         self.search.improved(self.search.best)
 
     def anew(self, data: Sequence[Data]) -> _Trial:

@@ -65,7 +65,13 @@ class Search(Generic[Kind]):
         return min(self.fits.values(), key=lambda fit: fit.score)
 
     def fit(
-        self, model: Model, start: Floats, near: object = None, *, roughly: bool = False
+        self,
+        model: Model,
+        start: Floats,
+        near: object = None,
+        *,
+        roughly: bool = False,
+        to_noise: bool = False,
     ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
@@ -81,6 +87,7 @@ class Search(Generic[Kind]):
                     start,
                     near,
                     roughly=roughly or self.roughly,
+                    to_noise=to_noise,
                 )
             )
         except SolveError:
@@ -276,21 +283,26 @@ class Ways(Generic[Kind]):
         """
         named = self._named
         whole = named.layout.whole(named.names)
-        found = named.fit(whole, self.start, self.near, roughly=True)
+        found = named.fit(whole, self.start, self.near, roughly=True, to_noise=True)
         if found is not None and hopeful():
             named.improved(found)
 
-    def from_below(self) -> None:
-        """Groups, but no fields, are added to the smallest model, fewer than the best one has.
+    def from_below(self, *, fields: bool = False) -> None:
+        """Groups are added to the smallest model, fewer than the best one has.
 
         With as many, what began with the wrong one would only gather others about it.
+
+        Parameters
+        ----------
+        fields : bool
+            Fields among them: several effects may stand for one.
 
         Raises
         ------
         SolveError
             Nothing balances at the start, and no model was fitted.
         """
-        named = self._named
+        named = self.search if fields else self._named
         fewer = len(named.best.model) - 1 if named.fits else None
         rough = replace(named, roughly=fewer is not None)
         small = rough.fit(freeze({}), self.start, self.near)
