@@ -162,10 +162,9 @@ def _law(record: Mapping[str, Any]) -> list[str]:
         if at > strain.max() + 1e-9:
             continue
         place = int(np.argmin(np.abs(strain - at)))
-        cells = [f"{at:g} %"]
-        for side in ("warp_N_per_mm", "fill_N_per_mm"):
-            cells.append(f"{law[side][place]:.3f} ± {law['stderr'][side][place]:.2g}")
-        rows.append(cells)
+        sides = ("warp_N_per_mm", "fill_N_per_mm")
+        cells = [f"{law[side][place]:.3f} ± {law['stderr'][side][place]:.2g}" for side in sides]
+        rows.append([f"{at:g} %", *cells])
     spread = ", ".join(
         f"{name} {100 * scatter[name]:.1f} ± {100 * scatter['stderr'][name]:.1f} %"
         for name in ("E1", "E2")
@@ -215,13 +214,11 @@ def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _met(left_out: Mapping[str, Mapping[str, Any]]) -> str:
-    return _table(
-        ["left out", "verdict of the others", "e_w before", "after"],
-        [
-            [number, d["verdict"], *(f"{d['holdout'][k]['e_w']:.3f}" for k in ("baseline", "explained"))]
-            for number, d in left_out.items()
-        ],
-    )  # fmt: skip
+    rows = []
+    for number, d in left_out.items():
+        gaps = [f"{d['holdout'][when]['e_w']:.3f}" for when in ("baseline", "explained")]
+        rows.append([number, d["verdict"], *gaps])
+    return _table(["left out", "verdict of the others", "e_w before", "after"], rows)
 
 
 def main() -> None:
