@@ -349,6 +349,28 @@ def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
     assert fit.x @ soft == pytest.approx(300.0 / 1.01, rel=1e-3)
 
 
+@pytest.mark.parametrize("missed", [0.0, 2000.0])
+def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
+    """A flat bottom, to which steps come ever less near, beside a value that nothing changes."""
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = np.zeros(200_000), np.zeros((200_000, 1))
+        value[:2], rows[0] = [x[0] ** 4, missed], 4.0 * x[0] ** 3
+        return value, rows
+
+    problem = Known([group("a", [1e2])], np.zeros(200_000), curve)
+    layout = Layout.of(problem.groups)
+    plain, fit = (
+        descend(problem, layout, layout.whole(), np.array([-8.0]), to_noise=given_up)
+        for given_up in (False, True)
+    )
+    assert plain.here.square - missed**2 < 2000.0
+    if missed:
+        assert 1 < fit.steps < plain.steps
+    else:
+        np.testing.assert_array_equal(fit.x, plain.x)
+
+
 def test_a_descent_that_starts_where_nothing_balances_says_so():
     problem = Known([group("a", [5.0, 5.0])], np.zeros(2), rosenbrock, end=0.5)
     layout = Layout.of(problem.groups)
@@ -478,6 +500,39 @@ def test_growth_ends_where_the_changes_that_are_left_cannot_reach_the_best_model
     before = set(search.fits)
     ways.from_below()
     assert {len(model) for model in set(search.fits) - before} == {0}
+
+
+def test_elimination_waits_where_everything_together_leaves_more():
+    """Only what has a name was freed, all of it, and nothing taken out."""
+    rng = np.random.default_rng(13)
+    rows = rng.normal(size=(60, 4))
+    measured = rows @ [1.0, 0.0, 0.0, 9.0] + 0.1 * rng.normal(size=60)
+    search = searched(linear([group(f"g{i}", [10.0]) for i in range(4)], rows, measured))
+    ways = Ways(search, np.zeros(4), fields=("g3",))
+    ways.by_elimination(lambda: False)
+    assert set(search.fits) == {freeze({"g0": 0, "g1": 0, "g2": 0})}
+    found = ways.with_fields()
+    assert found is search.best
+    assert found.x[3] == pytest.approx(9.0, abs=0.1)
+    assert search.improved(found).model == freeze({"g0": 0, "g3": 0})
+
+
+def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
+    """From the origin nothing balances; or what is found is worse than a model it contains."""
+    rng = np.random.default_rng(14)
+    rows = rng.normal(size=(40, 2))
+    measured = rows @ [1.0, 2.0] + 0.1 * rng.normal(size=40)
+    problem = linear([group("g", [10.0]), group("f", [10.0])], rows, measured, end=20.0)
+    search = searched(problem)
+    beyond = Ways(search, np.zeros(2), fields=("f",), origin=np.full(2, 30.0))
+    assert beyond.with_fields() is search.best
+    named, ways = freeze({"g": 0}), Ways(search, np.zeros(2), fields=("f",), origin=np.ones(2))
+    before = problem.solves
+    ways.with_fields()
+    once = problem.solves - before
+    search.fits[named] = replace(search.best, model=named, score=search.best.score - 1.0)
+    ways.with_fields()
+    assert problem.solves - before > 2 * once
 
 
 def test_no_equilibrium_is_lost_on_the_way():

@@ -171,6 +171,8 @@ class Scene:
     radius : float, mm
     turn, shift : (frames, 3) arrays, degree and mm
         Rotation vector and shift of the frame, from all effects together: applied last.
+    elapsed : (frames,) array or None
+        Share of the test's time that has passed.
     """
 
     reference: Floats
@@ -180,3 +182,4 @@ class Scene:
     radius: float
     turn: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     shift: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    elapsed: Floats | None = None

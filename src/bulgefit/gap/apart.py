@@ -82,15 +82,17 @@ def _between(
 ) -> list[Regression | None]:
     """The model with the first of its parts, the first two, ..., but for its last two.
 
-    Each is looked for from where the next larger one stands: from the whole model's the way is
-    long.
+    Each is looked for from where the next larger one stands, since from the whole model's the way
+    is long; from there where nothing balances with what the larger one made of its values.
     """
-    found = list[Regression | None]()
+    found, larger = list[Regression | None](), fit
     for count in range(len(names) - 2, 0, -1):
         model = _less(fit.model, names[count:])
-        fresh = weighing.afresh()
-        smaller = kept(partial(_smaller, fresh, layout, model, fit.x, fit.here.near))
-        fit = smaller or fit
+        smaller = None
+        for start in dict.fromkeys((larger, fit)):
+            at = partial(_smaller, weighing.afresh(), layout, model, start.x, start.here.near)
+            smaller = smaller or kept(at)
+        larger = smaller or larger
         found.append(regression_of(weighing.afresh(), smaller) if smaller is not None else None)
     return found[::-1]
 
