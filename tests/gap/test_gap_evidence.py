@@ -535,6 +535,21 @@ def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
     assert problem.solves - before > 2 * once
 
 
+def test_several_effects_that_stand_for_a_field_are_let_go():
+    """Each of four is worth its cost beside the field, all of them together are not."""
+    rng = np.random.default_rng(15)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 4)))
+    rows = np.column_stack([base.sum(axis=1), base])
+    measured = 60.0 * rows[:, 0] + rng.normal(size=50)
+    narrow = [group(f"n{i}", [60.0]) for i in range(4)]
+    problem = linear([group("f", [2e4]), *narrow], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(5), fields=("f",))
+    assert search.fit(search.layout.whole(), np.zeros(5)) is not None
+    ways.from_fields()
+    assert search.best.model == freeze({"f": 0})
+
+
 def test_no_equilibrium_is_lost_on_the_way():
     """Two coordinates that only differ far out, where nothing balances, stay within it."""
     rng = np.random.default_rng(8)
