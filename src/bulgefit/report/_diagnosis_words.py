@@ -12,6 +12,7 @@ from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.follow_up.separate import STIFFNESS
 from bulgefit.gap.residual.locate import Growth
+from bulgefit.report._diagnosis_cloth import cloth_lines, secant_rows
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Block
 from bulgefit.report.record import SIGNIFICANT, Record
@@ -45,7 +46,12 @@ def table(record: Record) -> str:
     lines += _wrapped(_held_out_test(record))
     lines += ["", f"{'moduli (MPa)':<26}{'moduli alone':<24}with causes"]
     lines += [f"{m:<26}{alone:<24}{final}" for m, alone, final in moduli_rows(record)]
+    lines += [
+        f"{row[0]:<26}" + "".join(f"{cell:<16}" for cell in row[1:]).rstrip()
+        for row in secant_rows(record)
+    ]
     parts = {
+        "cloth": cloth_lines(record),
         "left": _remainder(record)[:3],
         "next": (*_actions(record), *_advice(record)),
         "note": _notes(record),
