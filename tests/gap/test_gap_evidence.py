@@ -535,6 +535,44 @@ def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
     assert problem.solves - before > 2 * once
 
 
+def test_what_is_needed_on_a_slope_alone_is_let_go():
+    """From a rough fit b makes up for the bend of a's curve; at the bottom it is null."""
+    slope = np.linspace(0.5, 1.5, 40)
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bent = np.exp(x[0] * slope)
+        return 30.0 * bent + 30.0 * slope**2 * x[1], np.stack(
+            [30.0 * slope * bent, 30.0 * slope**2], axis=1
+        )
+
+    noise = np.random.default_rng(16).normal(size=40)
+    groups = [group("a", [3.0], always=True), group("b", [3.0])]
+    problem = Known(groups, curve(np.array([0.8, 0.0]))[0] + noise, curve)
+    search = searched(problem)
+    whole = search.layout.whole()
+    search.fits[whole] = descend(problem, search.layout, whole, np.zeros(2), steps=1)
+    assert search.improved(search.best).model == whole
+    search.closely()
+    assert search.best.converged
+    assert search.best.model == freeze({})
+    assert search.best.x[0] == pytest.approx(0.8, abs=0.02)
+
+
+def test_several_effects_that_stand_for_a_field_are_let_go():
+    """Each of four is worth its cost beside the field, all of them together are not."""
+    rng = np.random.default_rng(15)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 4)))
+    rows = np.column_stack([base.sum(axis=1), base])
+    measured = 60.0 * rows[:, 0] + rng.normal(size=50)
+    narrow = [group(f"n{i}", [60.0]) for i in range(4)]
+    problem = linear([group("f", [2e4]), *narrow], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(5), fields=("f",))
+    assert search.fit(search.layout.whole(), np.zeros(5)) is not None
+    ways.from_fields()
+    assert search.best.model == freeze({"f": 0})
+
+
 def test_no_equilibrium_is_lost_on_the_way():
     """Two coordinates that only differ far out, where nothing balances, stay within it."""
     rng = np.random.default_rng(8)

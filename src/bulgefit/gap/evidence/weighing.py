@@ -206,7 +206,7 @@ def _without(rows: Floats, shown: Floats, share: Floats) -> Floats:
 
 
 def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
-    """Rows (k, values) where what is left of the mesh's error is noise of one more direction.
+    """Rows (k, values), changed, where what is left of the mesh's error is noise in a direction.
 
     It is known in its pattern m, (values,), and in its size to about itself. With noise of
     covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950), which is the
@@ -216,7 +216,9 @@ def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
     if size == 0.0:
         return rows
     share = (1.0 - np.sqrt(inflation / (inflation + size))) / size
-    return np.asarray(rows - np.outer(share * (rows @ mesh), mesh))
+    for row in rows:  # one by one: all at once would be as much memory again, twice
+        row -= share * float(row @ mesh) * mesh
+    return rows
 
 
 def _loses_stability(before: Shapes, after: Shapes) -> bool:
