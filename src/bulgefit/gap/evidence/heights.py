@@ -55,12 +55,14 @@ def shown(d: Data) -> Floats:
 
 
 def off_planes(rows: Floats, planes: Floats) -> Floats:
-    """Rows (k, values) without what planes (3, values) have of them: any plane is as likely."""
+    """Rows (k, values), changed, without what planes (3, values) have of them.
+
+    Any plane is as likely.
+    """
     among = np.flatnonzero(planes.any(axis=0))
     along, _ = np.linalg.qr(planes[:, among].T)
-    out = np.array(rows)
-    out[:, among] -= (rows[:, among] @ along) @ along.T
-    return out
+    rows[:, among] -= (rows[:, among] @ along) @ along.T
+    return rows
 
 
 def _weight(d: Data) -> Floats:

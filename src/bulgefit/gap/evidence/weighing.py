@@ -175,12 +175,15 @@ class Weighing:
         """
         weight, chosen = d.weight, [self.coordinates.every[c] for c in columns]
         slopes = [k.parameter.slope(k.value(x[c])) for k, c in zip(chosen, columns, strict=True)]
-        rows = np.empty((len(columns) + 1, *weight.shape))
+        frames, *rest = weight.shape
+        rows = np.zeros((len(columns) + 1, frames + (d.heights is not None), *rest))
         for row, slope, derivative in zip(rows[:-1], slopes, found.derivative, strict=True):
-            np.multiply(derivative, slope * weight, out=row)
-        rows[-1] = d.residual(found)
-        heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
-        return with_heights(d, rows, heights * np.append(slopes, 1.0)[:, None])
+            np.multiply(derivative, slope * weight, out=row[:frames])
+        rows[-1, :frames] = d.residual(found)
+        if d.heights is not None:
+            heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
+            rows[:, -1, :, 2] = heights * np.append(slopes, 1.0)[:, None]
+        return rows
 
 
 def _frames_that_count(d: Data) -> Floats:
