@@ -296,17 +296,23 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
 
 
 def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():
-    """Along a bent valley, with most of the way behind it and more than a share left."""
-    problem = Known([group("a", [50.0, 50.0])], np.array([0.0, 10.0]), rosenbrock)
+    """Along a bent valley, beside something that no coordinate follows: all it gains is a share."""
+
+    def valley(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = rosenbrock(x)
+        return np.append(value, 0.0), np.vstack([rows, np.zeros(2)])
+
+    start = np.array([-8.0, 1.0])
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 10.0, 100.0]), valley)
     layout = Layout.of(problem.groups)
     whole, part = (
-        descend(problem, layout, layout.whole(), np.array([-8.0, 1.0]), share=share)
-        for share in (0.0, 0.9)
+        descend(problem, layout, layout.whole(), start, share=share) for share in (0.0, 0.9)
     )
     assert whole.converged
     assert not part.converged
     assert part.steps < whole.steps
-    assert whole.here.square < part.here.square < rosenbrock(np.array([-8.0, 1.0]))[0][0] ** 2
+    assert whole.here.square < part.here.square < (problem._measured - valley(start)[0])[0] ** 2
+    assert part.score > part.here.square  # what it did not go is no evidence
 
 
 @pytest.mark.parametrize("lacking", [0.0, 300.0])

@@ -33,6 +33,9 @@ LEAST_SHARE = 1e-3
 #: Models of a generation beyond which they are not looked around in: with sixty groups and more
 #: that would take tens of thousands of forecasts.
 MOST_ALIKE = 300
+#: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
+#: when that takes off many times as much.
+_GROWN = 0.01
 
 
 @dataclass(eq=False)
@@ -51,6 +54,8 @@ class Search(Generic[Kind]):
         Every model that was fitted, at its best.
     roughly : bool
         Fit no closer than others may start from.
+    share : float
+        End fits where a step gains less than this share of the misfit beyond the noise.
     """
 
     problem: Kind
@@ -59,6 +64,7 @@ class Search(Generic[Kind]):
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
+    share: float = 0.0
 
     @property
     def best(self) -> Fit:
@@ -88,6 +94,7 @@ class Search(Generic[Kind]):
                     start,
                     near,
                     roughly=roughly or self.roughly,
+                    share=self.share,
                     to_noise=to_noise,
                 )
             )
@@ -316,7 +323,7 @@ class Ways(Generic[Kind]):
         """
         named = self._named
         fewer = len(named.best.model) - 1 if named.fits else None
-        rough = replace(named, roughly=fewer is not None)
+        rough = named if fewer is None else replace(named, roughly=True, share=_GROWN)
         small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
             rough.improved(small, fewer)
@@ -333,7 +340,7 @@ class Ways(Generic[Kind]):
         """
         best = self.search.best
         origin = self.start if self.origin is None else self.origin
-        rough = replace(self.search, roughly=True)
+        rough = replace(self.search, roughly=True, share=_GROWN)
         for name, form in sorted(best.model):
             if name in self.fields and len(best.model) > 1:
                 alone = rough.fit(freeze({name: form}), origin)
