@@ -19,6 +19,7 @@ from bulgefit.dic.surface.rings import Rings, rings_of
 from bulgefit.dic.surface.tables import Table, tables_of
 from bulgefit.dic.surface.windows import fewest_points
 from bulgefit.errors import InputError
+from bulgefit.shown import Drawn
 
 __all__ = ["Measured", "chosen_window", "measure", "noise_in_windows"]
 
@@ -34,7 +35,7 @@ _EDGE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(Drawn):
     """Strain, curvature, tension and stress as measured, with their noise.
 
     Attributes
