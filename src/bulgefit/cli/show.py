@@ -26,9 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = (
         "Draw the deformed surface of a bulge test in true scale, coloured by any field: a\n"
-        "picture (.png), an animation of the inflation (.gif), or files for ParaView (.pvd with\n"
-        "one .vtu a frame). With a material the model stands beside the measurement in the same\n"
-        "colours, and measured minus modelled, with colours about 0. No display is needed."
+        "picture (.png), an animation of the inflation (.gif, .mp4), or files for ParaView (.pvd\n"
+        "with one .vtu a frame). With a material the model stands beside the measurement in the\n"
+        "same colours, and measured minus modelled, with colours about 0. No display is needed.\n"
+        'An .mp4 needs pip install "bulgefit[movie]".'
     )
     parser.epilog = (
         "examples:\n"
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit show test.npz bulge.pvd --from gap.json"
     )
     parser.add_argument("test", metavar="TEST", help="bulge test: a file, or a folder of frames")
-    parser.add_argument("output", metavar="OUT", help="file to write: .png, .gif or .pvd")
+    parser.add_argument("output", metavar="OUT", help="file to write: .png, .gif, .mp4 or .pvd")
     parser.add_argument(
         "--field",
         default="dz",
@@ -71,13 +72,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, model where asked for, and draw."""
     suffix = Path(args.output).suffix.lower()
-    if suffix not in (".png", ".gif", ".pvd"):
-        raise InputError(f"{args.output}: give a name that ends in .png, .gif or .pvd")
+    if suffix not in (".png", ".gif", ".mp4", ".pvd"):
+        raise InputError(f"{args.output}: give a name that ends in .png, .gif, .mp4 or .pvd")
     if args.frame is not None and suffix != ".png":
         raise InputError(f"--frame {args.frame}: is for a .png; a {suffix} holds all frames")
     from bulgefit.files import check_apart, check_output
 
-    check_output(args.output, args.force)
+    if suffix in (".png", ".pvd"):
+        check_output(args.output, args.force)
+    else:
+        from bulgefit.report.films import check_film
+
+        check_film(args.output, args.force)
     check_apart([args.output], files_read([args.test, args.from_file]))
     (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
     common: dict[str, Any] = {"window": args.window, "force": args.force}
@@ -94,10 +100,10 @@ def _draw(args: argparse.Namespace, suffix: str, test: BulgeTest, common: dict[s
         return
     from bulgefit.report.show import animate, show
 
-    if suffix == ".gif":
-        animate(test, args.output, field=args.field, **common)
-    else:
+    if suffix == ".png":
         show(test, args.output, field=args.field, frame=args.frame, **common)
+    else:
+        animate(test, args.output, field=args.field, **common)
 
 
 def _prediction(args: argparse.Namespace, test: BulgeTest) -> tuple[Any, ...] | None:
