@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
@@ -120,6 +120,7 @@ def _fold(
         last = polished(problem, problem.coordinates(best.values), options).best
     material = problem.material(problem.coordinates(last.values))
     shared = problem.effects(problem.coordinates(last.values))
+    judged: Mapping[str, Any]
     try:
         judged = evaluate(
             left_out,

@@ -140,10 +140,9 @@ def _of_diagnosis(result: Diagnosis) -> _Kinds:
     def where(*, after: bool = True, **how: Any) -> Any:
         return of_test(partial(plot_where, after=after), **how)
 
-    components = {
-        name: partial(plot_component, component=number) for number, name in enumerate(COMPONENTS)
-    }
-    each = {"modes": plot_modes, "signatures": plot_signatures, **components}
+    each: dict[str, Callable[..., Any]] = {"modes": plot_modes, "signatures": plot_signatures}
+    for number, name in enumerate(COMPONENTS):
+        each[name] = partial(plot_component, component=number)
     return {
         "budget": _Kind(lambda **how: plot_budget(record_of(result), **how)),
         "cosines": _Kind(partial(plot_cosines, result)),
