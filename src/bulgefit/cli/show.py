@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
-from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
+from bulgefit.cli._model import add_model_arguments, predicted_from
 from bulgefit.cli.tests_in import add_reader_arguments, files_read, tests_from
 from bulgefit.errors import InputError
 
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "picture, animation or ParaView files of a test, beside a model"
-
-_MODULI = ("E1", "E2", "G12", "nu12", "E", "nu", "G")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,8 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="radius of the windows of strain, curvature, tension and stress (default: as bulgefit "
         "measure chooses it)",
     )
-    _common.add_material_arguments(parser, "what the test says")
-    add_effect_arguments(parser)
+    add_model_arguments(parser)
     add_reader_arguments(parser)
     parser.add_argument(
         "--force", action="store_true", help="replace files that exist (default: refuse)"
@@ -87,7 +84,9 @@ def run(args: argparse.Namespace) -> int:
     check_apart([args.output], files_read([args.test, args.from_file]))
     (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
     common: dict[str, Any] = {"window": args.window, "force": args.force}
-    _draw(args, suffix, test, common | {"prediction": _prediction(args, test)})
+    predicted = predicted_from(args, test)
+    prediction = None if predicted is None else predicted.blocks
+    _draw(args, suffix, test, common | {"prediction": prediction})
     _common.progress(args, f"wrote {args.output}")
     return 0
 
@@ -104,16 +103,3 @@ def _draw(args: argparse.Namespace, suffix: str, test: BulgeTest, common: dict[s
         show(test, args.output, field=args.field, frame=args.frame, **common)
     else:
         animate(test, args.output, field=args.field, **common)
-
-
-def _prediction(args: argparse.Namespace, test: BulgeTest) -> tuple[Any, ...] | None:
-    """What the model says, where a material or --from is given."""
-    if args.from_file is None and all(getattr(args, name) is None for name in _MODULI):
-        if args.hold:
-            raise InputError("--hold: sets an effect of a model; give a material too")
-        return None
-    from bulgefit.model.predict import predict
-
-    take_found_moduli(args)
-    material = _common.material_from(args, test.poisson_ratio)
-    return predict(test, material, effects=held_from(args)).blocks

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,17 @@ class Predicted(Drawn):
     def __repr__(self) -> str:
         shapes = ", ".join(str(block.shape) for block in self.blocks)
         return f"Predicted(blocks of {shapes}; {int(self.stable.sum())} stable frames)"
+
+    def as_test(self) -> BulgeTest:
+        """The test as the model has it: nothing where nothing was measured.
+
+        So what is told of a measurement is told of its model: `bulgefit.measure(p.as_test())`.
+        """
+        blocks = tuple(
+            replace(own, displacement=np.where(np.isfinite(own.displacement), modelled, np.nan))
+            for own, modelled in zip(self.test.blocks, self.blocks, strict=True)
+        )
+        return replace(self.test, blocks=blocks, static_displacement=None, source="", checksum="")
 
     def to_dataframe(self) -> Any:
         """A row a measured point and frame: measured, and `model_dx_mm` and so on beside it.

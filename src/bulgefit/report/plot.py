@@ -52,7 +52,7 @@ def plot(result: Any, kind: str | None = None, **how: Any) -> Any:
     `batch_of`           `parameters` of all specimens
     `crossval`           `folds`
     `predict`            `profiles`, `residuals`
-    `measure`            `apex`, `rings`, `fields` of `frame=` (the last)
+    `measure`            `apex`, `rings`, beside a `model=` too; `fields` of `frame=` (the last)
     `diagnose`           `budget`, `cosines`; of `test=` (0): `where` (`after=True`), `modes`,
                          `signatures`, `dx`, `dy`, `dz`
     ===================  ==========================================================================
@@ -125,9 +125,9 @@ def _of_prediction(result: Predicted) -> _Kinds:
 
 def _of_measured(result: Measured) -> _Kinds:
     return {
-        "apex": _Kind(partial(plot_apex, result)),
-        "rings": _Kind(partial(plot_rings, result)),
-        "fields": _Kind(partial(plot_measured, result), ("frame",)),
+        "apex": _Kind(partial(plot_apex, result), ("model",)),
+        "rings": _Kind(partial(plot_rings, result), ("model",)),
+        "fields": _Kind(partial(plot_measured, result), ("frame", "label")),
     }
 
 

@@ -220,7 +220,7 @@ def _measured_points(test: BulgeTest) -> Floats:
 def _places(test: BulgeTest, window: float) -> Floats:
     """A square grid over the measured points' convex hull, off its edge."""
     points = _measured_points(test)
-    count = int(test.radius / (_APART * window))
+    count = int(test.semi_axes.max() / (_APART * window))
     ticks = _APART * window * np.arange(-count, count + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     return grid[_inside(grid, points, _EDGE * window)]
