@@ -16,6 +16,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
 from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import temper
@@ -150,6 +151,16 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     assert found.held_out() < 1.3 * found.normal.count
 
 
+def test_a_regression_keeps_no_derivatives(data: Data) -> None:
+    """Nor a view of them: a hundred megabytes each, where fields are free and refits are many."""
+    weighing, layout = weighing_of([data])
+    model = layout.whole(("clamp_slip",))
+    fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
+    (kept,) = regression_of(weighing, fit).predictions
+    assert kept.derivative.size == 0
+    assert kept.derivative.base is None
+
+
 def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
     assert temper([data], [prediction], free=4) == pytest.approx(1.0, abs=0.2)
@@ -162,6 +173,19 @@ def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     # correlated noise is granted its inflation
     granted = replace(data, inflation=expected)
     assert temper([granted], [off], free=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> None:
+    weighing, layout = weighing_of([data])
+    noisier, _ = weighing_of([replace(data, sigma=3.0 * data.sigma)])
+    x = near_the_truth(weighing, layout)
+    columns = layout.columns(layout.whole(("clamp_slip", "rigid_motion")))
+    beside = weighing.beside(3.0).beside(3.0)
+    assert (beside.tempered, beside.afresh().tempered) == (9.0, 9.0)
+    found, same = (laplace(w.linearise(x, columns), layout, columns, w.inflation) for w in
+                   (beside, noisier))  # fmt: skip
+    assert found.score == pytest.approx(same.score, rel=1e-9)
+    np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-6)
 
 
 def test_a_tangent_that_cannot_be_solved_is_no_shape(

@@ -22,7 +22,8 @@ from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI, SHEAR, chosen_effects
 from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
-from bulgefit.gap.explain import START, Explanation, FoundField, Step, explain
+from bulgefit.gap.explain import START, explain
+from bulgefit.gap.explanation import Explanation, FoundField, Step
 from bulgefit.gap.follow_up.advise import Advice, advise
 from bulgefit.gap.follow_up.holdout import HeldOutTest, judge_held_out
 from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable

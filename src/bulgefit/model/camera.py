@@ -85,7 +85,12 @@ def window_of(active: Active) -> float:
 
 
 def scene_of(
-    reference: Floats, places: Places, pressure: Floats, radius: float, active: Active
+    reference: Floats,
+    places: Places,
+    pressure: Floats,
+    radius: float,
+    active: Active,
+    elapsed: Floats | None = None,
 ) -> Scene:
     """What the cameras look at.
 
@@ -95,13 +100,15 @@ def scene_of(
         As seen; heights that are all zero were not kept, and points stand at the model's height.
     pressure : (frames,) array, MPa
         Applied.
+    elapsed : (frames,) array, optional
+        Share of the test's time that has passed.
     """
     standing = np.column_stack([places.position, reference[:, 2]])
     bent = [(effect, own) for effect, own in active if effect.uses("height")]
     if bent and not reference[:, 2].any():
         height = sum((e.height(own, places.unit) for e, own in bent), np.zeros(len(reference)))
         standing = np.column_stack([places.position, height])
-    scene = Scene(reference, places.position, standing, pressure, radius)
+    scene = Scene(reference, places.position, standing, pressure, radius, elapsed=elapsed)
     turn, shift = np.zeros((2, len(pressure), 3))
     for effect, own in active:
         if effect.uses("motion"):

@@ -335,8 +335,8 @@ def _described(
     nulls = null_values(made.constants()["nu12"])
     radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
     given = describe(mesh, radius, loads, None, values, active_effects(values, nulls))
-    if given.lift is not None:
-        raise InputError("simulate: a rim that rises is known to fit and predict alone")
+    if given.edge is not None:
+        raise InputError("simulate: a rim that moves is known to fit and predict alone")
     return given
 
 

@@ -107,6 +107,14 @@ class VirtualTest:
         # what comes from the test, or is as soon made as sent, is made again
         return {**self.__dict__, "_operators": {}}
 
+    @property
+    def elapsed(self) -> Floats | None:
+        """Share of the test's time that has passed (frames,); None where it tells no time."""
+        if self.time is None:
+            return None
+        passed = self.time - self.time.min()
+        return np.asarray(passed / max(float(passed.max()), 1e-9))
+
     def nulls(self) -> dict[str, float]:
         """Values at which the effects are absent where that is the test's own."""
         return null_values(self.test.poisson_ratio)
@@ -329,7 +337,10 @@ class Sight:
 
     def _scene(self, values: Values, active: Active, places: Places) -> Scene:
         applied = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)[self.frames]
-        return scene_of(self.reference, places, applied, self.virtual.test.radius, active)
+        elapsed = self.virtual.elapsed
+        if elapsed is not None:
+            elapsed = elapsed[self.frames]
+        return scene_of(self.reference, places, applied, self.virtual.test.radius, active, elapsed)
 
     def prediction(self) -> Prediction:
         """With every derivative at every point."""

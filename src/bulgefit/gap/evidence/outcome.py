@@ -58,7 +58,8 @@ def _offset(data: Data, prediction: Prediction) -> Floats:
 
 def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
     seen = prediction.displacement if offset is None else prediction.displacement + offset
-    return Prediction(seen, prediction.derivative[:0], prediction.shapes)
+    # a view would keep the derivatives, hundreds of megabytes where fields are free
+    return Prediction(seen, prediction.derivative[:0].copy(), prediction.shapes)
 
 
 def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:

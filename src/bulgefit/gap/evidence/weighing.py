@@ -40,8 +40,10 @@ class Weighing:
         data: Sequence[Data],
         coordinates: Coordinates,
         offsets: Sequence[Floats] | None = None,
+        tempered: float = 1.0,
     ) -> None:
         self.data, self.coordinates, self.offsets = data, coordinates, offsets
+        self.tempered = tempered
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -60,7 +62,13 @@ class Weighing:
 
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
-        return Weighing([d.afresh() for d in self.data], self.coordinates, self.offsets)
+        data = [d.afresh() for d in self.data]
+        return Weighing(data, self.coordinates, self.offsets, self.tempered)
+
+    def beside(self, excess: float) -> Weighing:
+        """The same beside a misfit that no model takes away: more noise by this factor."""
+        data = [replace(d, inflation=excess * d.inflation) for d in self.data]
+        return Weighing(data, self.coordinates, self.offsets, excess * self.tempered)
 
     @property
     def cost(self) -> float:
