@@ -209,12 +209,12 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
 def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
     """As options name them: what a fit held is told, too."""
     if _is_gap(content):
-        found, names = content["parameters"]["corrected"], ("E1", "E2", "G12")
+        found, names = content["parameters"]["corrected"], ["E1", "E2", "G12"]
     else:
         found = content["parameters"]
-        names = tuple(name for name in found if "." not in name)
+        names = [name for name in found if "." not in name]
         if content["material"] == "isotropic-EG":
-            names = ("E", "G")
+            names = ["E", "G"]
     return {name: float(found[name]["value"]) for name in names}
 
 
