@@ -21,10 +21,10 @@ _BAR = 0.1
 #: Standard deviation (bar) of the error in the middle of the range.
 _MIDDLE = 0.01
 #: k of sin(kπ p/p_max). What the error is at no pressure (`start`) is an offset, which has an
-#: effect of its own where it is alone; at the highest (`end`) a gain, which nothing shows, so that it only
-#: widens the errors of the moduli. Between the two an error that walks, smoothly or in steps, is a
-#: Brownian bridge: terms of standard deviations √2 σ/kπ, with σ/2 in the middle (Karhunen and
-#: Loève).
+#: effect of its own where it is alone; at the highest (`end`) a gain, which nothing shows, so that
+#: it only widens the errors of the moduli. Between the two an error that walks, smoothly or in
+#: steps, is a Brownian bridge: terms of standard deviations √2 σ/kπ, with σ/2 in the middle
+#: (Karhunen and Loève).
 _WAYS = (1, 2, 3, 4, 5, 6)
 
 
