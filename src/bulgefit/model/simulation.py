@@ -14,7 +14,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.equilibrium import NewtonError, solve
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc
+from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc, ellipse
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.relaxation import SLACK, TAUT, point_response
@@ -147,6 +147,7 @@ def simulate(
     refine: int = DEFAULT_REFINE,
     correct_mesh: bool = True,
     radius: float = 100.0,
+    ellipticity: float = 0.0,
     thickness: float = 0.81,
     law: str = "hencky",
     angle: float = 0.0,
@@ -172,6 +173,9 @@ def simulate(
         stays.
     radius, thickness : float, mm
         `radius` is for the default mesh.
+    ellipticity : float
+        The clamp's semi-axes are radius (1 + ellipticity) along x and radius (1 - ellipticity)
+        along y; for the default mesh.
     law : {"hencky", "svk"}
     angle : float, degree
         Warp axis turned from x, counter-clockwise seen from +z.
@@ -203,14 +207,19 @@ def simulate(
         )
     effects = as_effects(effects)
     own = mesh is None
+    if not abs(ellipticity) < 1.0:
+        raise InputError(f"ellipticity must lie between -1 and 1, got {ellipticity:g}")
     if mesh is None:
-        mesh = disc(radius, refine)
+        mesh = ellipse(radius, ellipticity, refine)
+    elif ellipticity:
+        raise InputError("ellipticity: is for the default mesh; a given one has its own rim")
     if mesh.apex in mesh.rim:
         raise InputError(
             "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
             "centre, with nodes inside"
         )
-    given = _described(mesh, parameters, loads, effects)
+    stretch = np.array([1.0 + ellipticity, 1.0 - ellipticity])
+    given = _described(mesh, stretch, parameters, loads, effects)
     membrane = Membrane(
         mesh,
         thickness,
@@ -226,8 +235,8 @@ def simulate(
         correction, left = None, None
         if own and correct_mesh:
             correction, left = _mesh_error(
-                membrane, radius, refine, found.displacement, parameters, effects, loads,
-                tolerance,
+                membrane, radius, stretch, refine, found.displacement, parameters, effects,
+                loads, tolerance,
             )  # fmt: skip
         displacement = found.displacement if correction is None else found.displacement + correction
         wrinkled = [
@@ -299,6 +308,7 @@ def _balanced(
 def _mesh_error(
     like: Membrane,
     radius: float,
+    stretch: Floats,
     refine: int,
     here: Floats,
     made: Material,
@@ -309,15 +319,16 @@ def _mesh_error(
     """What takes the mesh's error off (k, n, 3) mm, and the largest of what is left of it, mm."""
 
     def on(other: int) -> Floats:
-        mesh = disc(radius, other)
-        given = _described(mesh, made, loads, effects)
+        circle = disc(radius, other)
+        mesh = Mesh(circle.nodes * stretch, circle.cells)
+        given = _described(mesh, stretch, made, loads, effects)
         membrane = Membrane(
             mesh, like.thickness, like.law, relaxation=like.relaxation, angle=like.angle,
             solver=like.forced, fabric=given.fabric,
         )  # fmt: skip
         balanced = _pressures(given.load.balanced)
         there = _balanced(membrane, given.stiffness, balanced, tolerance, made).displacement
-        back = smooth_value(mesh.nodes, like.mesh.nodes)
+        back = smooth_value(circle.nodes, like.mesh.nodes / stretch)
         return np.stack([back @ one for one in there])
 
     try:
@@ -327,14 +338,15 @@ def _mesh_error(
 
 
 def _described(
-    mesh: Mesh, made: Material, loads: Floats, effects: Mapping[str, float]
+    mesh: Mesh, stretch: Floats, made: Material, loads: Floats, effects: Mapping[str, float]
 ) -> Description:
     """The specimen that material and effects describe; InputError."""
     checked(effects)
     values = {**made.constants(), **effects}
     nulls = null_values(made.constants()["nu12"])
-    radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
-    given = describe(mesh, radius, loads, None, values, active_effects(values, nulls))
+    radius = float(np.hypot(*(mesh.nodes[mesh.rim] / stretch).T).max())
+    active = active_effects(values, nulls)
+    given = describe(mesh, radius, loads, None, values, active, stretch=stretch)
     if given.edge is not None:
         raise InputError("simulate: a rim that moves is known to fit and predict alone")
     return given
