@@ -21,6 +21,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import temper
 from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.explain import _stepped_fields
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 NAMES = ("clamp_slip", "dic_smoothing", "rigid_motion", "stiffness_field", "pressure_field")
@@ -59,6 +60,16 @@ def test_every_coordinate_is_of_its_group_and_specimen(data: Data) -> None:
     assert "clamp_slip.compliance" not in values[0]
     assert values[1]["clamp_slip.compliance"] == 0.02
     assert values[0]["E1"] == pytest.approx(300.0)
+
+
+def test_fields_are_freed_where_every_test_tells_what_they_need(data: Data) -> None:
+    assert data.specimen.test.time is None
+    test = replace(data.specimen.test, time=np.arange(6.0))
+    timed = replace(data, specimen=data.specimen.of(test))
+    untold = {f.id for f in _stepped_fields([data, timed])}
+    assert "frame_field" in untold
+    assert "reference_field" not in untold
+    assert {f.id for f in _stepped_fields([timed])} - untold == {"drift_field"}
 
 
 def test_gradients_are_those_of_the_misfit(data: Data) -> None:

@@ -283,8 +283,9 @@ class _Trial:
         """
         if len(self.search.best.model) > 2:
             self.ways.from_below()
-            self.ways.from_below(fields=True)
         self.search.improved(self.search.best)
+        self.ways.from_fields()
+        self.search.closely()
 
     def anew(self, data: Sequence[Data]) -> _Trial:
         """The best model alone, by data in other units."""
@@ -299,8 +300,7 @@ class _Trial:
 
         Where the largest model leaves more than noise, that is more than any group can take away:
         it stands in every model's residual, along the directions that groups have. Beside it as
-        noise (`temper`) groups are judged by what they take off beyond that. Roughly: what is told
-        of such a model is no finer.
+        noise (`temper`) groups are judged by what they take off beyond that.
         """
         best, search = self.search.best, self.search
         if not self.is_content:
@@ -308,6 +308,7 @@ class _Trial:
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
+        search.closely()
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
 
