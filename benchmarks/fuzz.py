@@ -91,8 +91,10 @@ def matchid_file(folder: Path) -> bytes:
     rng = np.random.default_rng(7)
     names = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
     with h5py.File(folder / "m.h5", "w") as file:
-        for name in ("X", "Y", "Z", *names):
+        for name in ("X", "Y", "Z"):
             file[f"DIC Data/Point Data/{name}"] = rng.uniform(-60, 60, (3, 20))
+        for name in names:
+            file[f"DIC Data/Point Data/{name}"] = rng.uniform(-2, 2, (3, 20))
         file["DIC Data/Mapping Data/Spatial - Point Locations"] = rng.uniform(0, 999, (20, 2))
         file["DIC Data/Temporal Data/Force"] = np.array([[1.0, 2.0, 3.0]])
     return (folder / "m.h5").read_bytes()
