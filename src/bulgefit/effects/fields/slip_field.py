@@ -27,8 +27,6 @@ _NAMES = tuple(f"{kind}{m}_{k}" for kind, m, k in _WAVES)
 #: A coated fabric in a serrated clamp gives by tenths of a millimetre at 10 N/mm, alike over some
 #: 30 mm of the edge of a clamp of 100 mm radius (rad).
 _GIVES, _ALIKE = 0.3, 0.3
-#: Pressure (MPa) of a test that has none.
-_NONE = 1e-12
 #: Angles at which the field is looked at.
 _LOOK = 360
 
@@ -55,9 +53,8 @@ def _wave(name: str, m: int) -> Parameter:
 class SlipField(Field):
     """The rim moves radially inwards by Σ (c cos mφ + s sin mφ) s cos(kπ s), s = (p/p_max)^(2/3).
 
-    The traction at the edge of a flat, linear membrane goes with p^(2/3) (Hencky, 1915, "Über den
-    Spannungszustand in kreisrunden Platten mit verschwindender Biegungssteifigkeit"). It stands
-    beside what springs at the edge give.
+    The traction at the edge is in proportion to s (`Clamping.loaded`). The motion stands beside
+    what springs at the edge give.
     """
 
     id = "slip_field"
@@ -72,21 +69,19 @@ class SlipField(Field):
         """See the class."""
         if not any(own.values()):
             return clamping
-        inwards = _motion(own, clamping.angle, clamping.pressure)
-        return replace(clamping, inwards=clamping.pulled(inwards))
+        return replace(clamping, inwards=clamping.pulled(_motion(own, clamping)))
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """Round the rim."""
         degree = np.arange(_LOOK) * 360.0 / _LOOK
-        (motion,) = _motion(own, np.deg2rad(degree), pressure.max(keepdims=True))
+        (motion,) = _motion(own, Clamping(np.deg2rad(degree), pressure.max(keepdims=True)))
         return Sampled(motion, {"angle_degree": degree})
 
 
-def _motion(own: Own, angle: Floats, pressure: Floats) -> Floats:
-    """Inwards (frames, n) mm at angles (n,) rad and pressures (frames,)."""
-    loaded = np.maximum(pressure, 0.0)
-    load = np.cbrt(loaded / max(loaded.max(), _NONE)) ** 2
-    out = np.zeros((len(pressure), len(angle)))
+def _motion(own: Own, clamping: Clamping) -> Floats:
+    """Inwards (frames, n) mm at the clamp's angles (n,) and pressures (frames,)."""
+    load, angle = clamping.loaded, clamping.angle
+    out = np.zeros((len(load), len(angle)))
     for name, (kind, m, k) in zip(_NAMES, _WAVES, strict=True):
         if own[name]:
             along = np.cos(m * angle) if kind == "c" else np.sin(m * angle)
