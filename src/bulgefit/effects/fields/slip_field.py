@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 #: Orders over the angle of each course over pressure, k: in proportion to traction (0), and what
 #: gives the sooner or the later, as a clamp that creeps (1, 2). Order 0 in proportion to traction
 #: is a slip all round, which has an effect of its own.
-_ORDERS = {0: range(1, 7), 1: range(3), 2: range(3)}
+_ORDERS = {0: range(1, 13), 1: range(3), 2: range(3)}
 _WAVES = tuple(
     (kind, m, k) for k, orders in _ORDERS.items() for m in orders for kind in ("cs" if m else "c")
 )
@@ -34,17 +34,18 @@ _LOOK = 360
 def _wave(name: str, m: int) -> Parameter:
     """A wave along the edge, by its order.
 
-    A Gaussian process over the angle of covariance exp(-δ²/2l²) has the Fourier coefficients
-    l/√(2π) exp(-m²l²/2) (Rasmussen and Williams, 2006, "Gaussian processes for machine learning",
-    eq. 4.9-4.11), each for cosine and sine, but for m = 0 twice.
+    A process over the angle of covariance exp(-|δ|/l), which may begin and end as sharply as a bolt
+    holds, has Fourier coefficients of variance (2 l/π)/(1 + m²l²), each for cosine and sine, and
+    half of that for m = 0 (Rasmussen and Williams, 2006, "Gaussian processes for machine learning",
+    eq. 4.15, of order 1/2).
     """
-    share = _ALIKE / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * (m * _ALIKE) ** 2)
+    share = (2.0 if m else 1.0) * _ALIKE / np.pi / (1.0 + (m * _ALIKE) ** 2)
     return Parameter(
         name,
         "mm",
         -5.0,
         5.0,
-        prior=float(_GIVES * np.sqrt(2.0 * share if m else share)),
+        prior=float(_GIVES * np.sqrt(share)),
         reason="clamps give by tenths of a millimetre, alike over some centimetres of their edge",
         step=1e-3,
     )
