@@ -108,6 +108,24 @@ def test_a_path_is_a_bulge_test(tmp_path, capsys):
     assert run(*words, "--force") == 0
 
 
+def test_the_path_of_an_elliptic_clamp(tmp_path, capsys):
+    """It is a test of that clamp, and its virtual test sees the same."""
+    file, result = tmp_path / "p.npz", tmp_path / "p.json"
+    soft = ["--E1", 303, "--E2", 229, "--G12", 20, "--nu12", 0.24, "--refine", 3]
+    words = ["--semi-axes", 120, 80, "--pressure", 0.5, "--output", file, "--json", result]
+    assert run(*soft, *words) == 0
+    assert "semi-axes 120, 80 mm" in capsys.readouterr().out
+    told = json.loads(result.read_text())
+    assert told["semi_axes_mm"] == [120.0, 80.0]
+    assert "radius_mm" not in told
+    test = read_test(file)
+    np.testing.assert_allclose(test.semi_axes, [120.0, 80.0])
+    moduli = {"E1": 303.0, "E2": 229.0, "G12": 20.0, "nu12": 0.24}
+    seen = predict(test, moduli, setup=Setup(refine=3)).displacement
+    # what is left of the mesh's error
+    assert np.abs(test.blocks[0].displacement - seen).max() < 2.0 * told["mesh_error_mm"]
+
+
 def test_paraview(tmp_path):
     import pyvista
 
@@ -268,6 +286,11 @@ BAD = {
     "mesh in two": (["--mesh", "two.npz"], "mesh: its cells fall into 2 parts"),
     "radius": (["--radius", "-1"], "--radius -1: give a length above 0 mm"),
     "huge radius": (["--radius", "1e300"], "mesh: nodes reach 1e+300 mm; give them in mm, up to"),
+    "semi-axes": (["--semi-axes", "120", "-80"], "--semi-axes -80: give a length above 0 mm"),
+    "semi-axes and radius": (
+        ["--semi-axes", "120", "80", "--radius", "90"],
+        "--semi-axes: does not go with --radius",
+    ),
     "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
     "angle": (["--angle", "nan"], "--angle nan"),
     "solver": (["--linear-solver", "abacus"], "abacus"),

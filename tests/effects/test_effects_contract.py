@@ -13,7 +13,7 @@ import pytest
 
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
-from bulgefit.effects.registry import catalogue, effect_named, own_values, scatter
+from bulgefit.effects.registry import catalogue, effect_named, fields, own_values, scatter
 from bulgefit.model.virtual_test import VirtualTest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -165,7 +165,7 @@ def test_its_null_changes_nothing(effect: Effect, specimen: VirtualTest) -> None
     np.testing.assert_allclose(at_null, without, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+@pytest.mark.parametrize("effect", [*EFFECTS, *fields().values()], ids=lambda e: e.id)
 def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualTest) -> None:
     """The model leaves out effects at their null: here the hooks are asked themselves."""
     own = own_values(effect, {}, specimen.nulls())
@@ -174,7 +174,19 @@ def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualT
     assert not effect.height(own, unit).any()
     cloth = Cloth(**MODULI, nu12=specimen.test.poisson_ratio, points=np.zeros((1, 4, 2)))
     changed = effect.material(own, cloth)
-    for name in ("E1", "E2", "G12", "nu12", "angle", "slack", "gain", "bend", "knee", "thickness"):
+    for name in (
+        "E1",
+        "E2",
+        "G12",
+        "nu12",
+        "angle",
+        "slack",
+        "gain",
+        "bend",
+        "knee",
+        "curve",
+        "thickness",
+    ):
         assert getattr(changed, name) == getattr(cloth, name), name
     load = Load(specimen.recorded, specimen.time, specimen.recorded)
     np.testing.assert_array_equal(effect.load(own, load).balanced, load.balanced)
@@ -190,6 +202,7 @@ def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualT
     scene = Scene(reference, seen, reference, specimen.recorded, 100.0)
     moved = np.random.default_rng(0).normal(size=(3, len(reference), 3))
     np.testing.assert_array_equal(effect.see(own, scene, moved), moved)
+    np.testing.assert_array_equal(effect.see_height(own, moved[0, :, 2]), moved[0, :, 2])
     for of_frame in effect.motion(own, scene):
         assert not of_frame.any()
 

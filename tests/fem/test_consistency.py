@@ -211,6 +211,34 @@ def test_product_with_the_tangent_is_that_with_the_assembled_one(law: str, fabri
     np.testing.assert_allclose(product, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
+def test_springs_that_are_pulled_at_their_ends_pull_as_their_energy_says() -> None:
+    mesh = disc(100.0, 1)
+    fabric = Fabric(compliance=0.02)
+    ends = np.random.default_rng(5).normal(scale=0.2, size=(len(mesh.rim), 2))
+    still = Membrane(mesh, 0.81, fabric=fabric)
+    membrane = still.pulled_at(ends)
+    shape, pressure, h = blown(mesh), 0.1, 1e-5
+    state = membrane.state(shape, pressure, STIFFNESS)
+    assert state.tangent is not None
+    columns = np.random.default_rng(6).normal(size=(4, membrane.linear.size))
+    product = membrane.tangent_product(shape, pressure, STIFFNESS, membrane.spread(columns))
+    for column, along in zip(columns, product, strict=True):
+        move = h * membrane.spread(column)
+        above = membrane.state(shape + move, pressure, STIFFNESS)
+        below = membrane.state(shape - move, pressure, STIFFNESS)
+        slope = (above.potential - below.potential) / (2 * h)
+        assert state.residual @ column == pytest.approx(slope, rel=1e-5)
+        difference = (above.residual - below.residual) / (2 * h)
+        np.testing.assert_allclose(along, difference, atol=2e-8 * np.abs(along).max())
+    # ends that go along with the rim leave the springs as they are
+    along = np.array(shape)
+    along[mesh.rim, :2] = ends
+    assert membrane.clamp is not None
+    np.testing.assert_array_equal(membrane.clamp.stretch(along), 0.0)
+    assert still.clamp is not None
+    np.testing.assert_array_equal(still.clamp.ends, 0.0)
+
+
 @pytest.mark.parametrize("solver", SOLVER_NAMES)
 def test_factors_live_side_by_side_and_tell_indefinite_tangents(solver: str) -> None:
     membrane = Membrane(disc(100.0, 2), 0.81, solver=solver)

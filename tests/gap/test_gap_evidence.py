@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal, norm
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
-from bulgefit.gap.evidence.orthant import log_share_above
+from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
 from bulgefit.gap.evidence.search import Search, Ways
@@ -144,6 +144,23 @@ def test_share_above_two_bounds(mean, correlation):
     found = log_share_above(np.array(mean), covariance, np.zeros(2))
     # a factor of 1.05 on a probability is 0.1 on the scale of -2 ln Z
     assert found == pytest.approx(exact, abs=0.05)
+
+
+@pytest.mark.parametrize("z", [3.0, 0.0, -5.0, -29.0, -31.0, -300.0])
+def test_moments_above_a_bound(z):
+    """Far below it the variance is a difference of large numbers, and a series is taken."""
+    unit = 1.0 / max(1.0, -z)
+
+    def moment(power):
+        return quad(lambda y: y**power * np.exp(-0.5 * (unit * y) ** 2 + z * unit * y), 0, 40)[0]
+
+    whole, first, second = (moment(power) for power in range(3))
+    mean = first / whole
+    mass, found, variance = _cut(2.0 * z, 4.0)
+    assert mass == pytest.approx(norm.logcdf(z), rel=1e-12)
+    assert found == pytest.approx(2.0 * unit * mean, rel=1e-6)
+    left = 50.0 / z**4 if z < -30.0 else 1e-6  # the series' next term
+    assert variance == pytest.approx((2.0 * unit) ** 2 * (second / whole - mean**2), rel=left)
 
 
 def test_shares_of_independent_bounds_multiply():
@@ -295,6 +312,26 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
     assert solves[True] < solves[False] - 2
 
 
+def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():
+    """Along a bent valley, beside something that no coordinate follows: all it gains is a share."""
+
+    def valley(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = rosenbrock(x)
+        return np.append(value, 0.0), np.vstack([rows, np.zeros(2)])
+
+    start = np.array([-8.0, 1.0])
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 10.0, 100.0]), valley)
+    layout = Layout.of(problem.groups)
+    whole, part = (
+        descend(problem, layout, layout.whole(), start, share=share) for share in (0.0, 0.9)
+    )
+    assert whole.converged
+    assert not part.converged
+    assert part.steps < whole.steps
+    assert whole.here.square < part.here.square < (problem._measured - valley(start)[0])[0] ** 2
+    assert part.score > part.here.square  # what it did not go is no evidence
+
+
 @pytest.mark.parametrize("lacking", [0.0, 300.0])
 def test_a_descent_ends_within_the_standard_errors_that_the_misfit_leaves(lacking):
     """As soon beside something that no coordinate follows, and beside its errors as near."""
@@ -333,6 +370,28 @@ def test_a_soft_direction_among_stiff_ones_is_held_within_reach():
     assert fit.converged
     # the prior, a hundred wide, beside what is seen: 1e-4 beside 1e-2
     assert fit.x @ soft == pytest.approx(300.0 / 1.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("missed", [0.0, 2000.0])
+def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
+    """A flat bottom, to which steps come ever less near, beside a value that nothing changes."""
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = np.zeros(200_000), np.zeros((200_000, 1))
+        value[:2], rows[0] = [x[0] ** 4, missed], 4.0 * x[0] ** 3
+        return value, rows
+
+    problem = Known([group("a", [1e2])], np.zeros(200_000), curve)
+    layout = Layout.of(problem.groups)
+    plain, fit = (
+        descend(problem, layout, layout.whole(), np.array([-8.0]), to_noise=given_up)
+        for given_up in (False, True)
+    )
+    assert plain.here.square - missed**2 < 2000.0
+    if missed:
+        assert 1 < fit.steps < plain.steps
+    else:
+        np.testing.assert_array_equal(fit.x, plain.x)
 
 
 def test_a_descent_that_starts_where_nothing_balances_says_so():
@@ -448,7 +507,93 @@ def test_growth_gathers_fewer_groups_than_the_best_model_has():
     before = set(search.fits)
     ways.from_below()
     grown = set(search.fits) - before
-    assert max(len(model) for model in grown) == 3
+    assert max(len(model) for model in grown) <= 3
+
+
+def test_growth_ends_where_the_changes_that_are_left_cannot_reach_the_best_model():
+    """Of four equal parts, one more of which takes off no more than the last: two are in vain."""
+    rng = np.random.default_rng(12)
+    rows = np.linalg.qr(rng.normal(size=(60, 6)))[0] * 10.0
+    measured = rows @ [1.0, 1.0, 1.0, 1.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(6)], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(6))
+    ways.by_elimination()
+    assert len(search.best.model) == 4
+    before = set(search.fits)
+    ways.from_below()
+    assert {len(model) for model in set(search.fits) - before} == {0}
+
+
+def test_elimination_waits_where_everything_together_leaves_more():
+    """Only what has a name was freed, all of it, and nothing taken out."""
+    rng = np.random.default_rng(13)
+    rows = rng.normal(size=(60, 4))
+    measured = rows @ [1.0, 0.0, 0.0, 9.0] + 0.1 * rng.normal(size=60)
+    search = searched(linear([group(f"g{i}", [10.0]) for i in range(4)], rows, measured))
+    ways = Ways(search, np.zeros(4), fields=("g3",))
+    ways.by_elimination(lambda: False)
+    assert set(search.fits) == {freeze({"g0": 0, "g1": 0, "g2": 0})}
+    found = ways.with_fields()
+    assert found is search.best
+    assert found.x[3] == pytest.approx(9.0, abs=0.1)
+    assert search.improved(found).model == freeze({"g0": 0, "g3": 0})
+
+
+def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
+    """From the origin nothing balances; or what is found is worse than a model it contains."""
+    rng = np.random.default_rng(14)
+    rows = rng.normal(size=(40, 2))
+    measured = rows @ [1.0, 2.0] + 0.1 * rng.normal(size=40)
+    problem = linear([group("g", [10.0]), group("f", [10.0])], rows, measured, end=20.0)
+    search = searched(problem)
+    beyond = Ways(search, np.zeros(2), fields=("f",), origin=np.full(2, 30.0))
+    assert beyond.with_fields() is search.best
+    named, ways = freeze({"g": 0}), Ways(search, np.zeros(2), fields=("f",), origin=np.ones(2))
+    before = problem.solves
+    ways.with_fields()
+    once = problem.solves - before
+    search.fits[named] = replace(search.best, model=named, score=search.best.score - 1.0)
+    ways.with_fields()
+    assert problem.solves - before > 2 * once
+
+
+def test_what_is_needed_on_a_slope_alone_is_let_go():
+    """From a rough fit b makes up for the bend of a's curve; at the bottom it is null."""
+    slope = np.linspace(0.5, 1.5, 40)
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bent = np.exp(x[0] * slope)
+        return 30.0 * bent + 30.0 * slope**2 * x[1], np.stack(
+            [30.0 * slope * bent, 30.0 * slope**2], axis=1
+        )
+
+    noise = np.random.default_rng(16).normal(size=40)
+    groups = [group("a", [3.0], always=True), group("b", [3.0])]
+    problem = Known(groups, curve(np.array([0.8, 0.0]))[0] + noise, curve)
+    search = searched(problem)
+    whole = search.layout.whole()
+    search.fits[whole] = descend(problem, search.layout, whole, np.zeros(2), steps=1)
+    assert search.improved(search.best).model == whole
+    search.closely()
+    assert search.best.converged
+    assert search.best.model == freeze({})
+    assert search.best.x[0] == pytest.approx(0.8, abs=0.02)
+
+
+def test_several_effects_that_stand_for_a_field_are_let_go():
+    """Each of four is worth its cost beside the field, all of them together are not."""
+    rng = np.random.default_rng(15)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 4)))
+    rows = np.column_stack([base.sum(axis=1), base])
+    measured = 60.0 * rows[:, 0] + rng.normal(size=50)
+    narrow = [group(f"n{i}", [60.0]) for i in range(4)]
+    problem = linear([group("f", [2e4]), *narrow], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(5), fields=("f",))
+    assert search.fit(search.layout.whole(), np.zeros(5)) is not None
+    ways.from_fields()
+    assert search.best.model == freeze({"f": 0})
 
 
 def test_no_equilibrium_is_lost_on_the_way():

@@ -11,7 +11,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.explain import Known
+from bulgefit.gap.explanation import Known
 from bulgefit.gap.follow_up.separate import cosine_matrix, norms_left
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.specimen import Specimen

@@ -13,7 +13,7 @@ from bulgefit.effects.fields.base import Sampled
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import Verdict
 from bulgefit.gap.effects import SHEAR
-from bulgefit.gap.explain import Evidence, FoundField
+from bulgefit.gap.explanation import Evidence, FoundField
 from bulgefit.report._diagnosis_charts import plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where
 from bulgefit.report._diagnosis_markdown import as_markdown

@@ -17,6 +17,9 @@ __all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene"]
 
 Floats = NDArray[np.float64]
 
+#: MPa.
+_BAR = 0.1
+
 #: Effects of the cameras of a higher `order` act on what the moved frame shows.
 MOTION = 10
 
@@ -84,16 +87,45 @@ class Clamping:
         The rim moves inwards by this times the radial edge traction; None: it is held.
     lift : (frames, rim) array or None, mm
         How far the rim has risen; None: it stays.
+    inwards : (frames, rim) array or None, mm
+        How far the rim has moved towards the centre, beside what its traction makes it; None: it
+        stays.
     """
 
     angle: Floats
     pressure: Floats
     compliance: float | None = None
     lift: Floats | None = None
+    inwards: Floats | None = None
+
+    def opened(self, shape: float) -> Floats:
+        """How far (frames,) bar an edge rises that goes up by 1 a bar at first.
+
+        (1 - exp(-shape p))/shape, shape in 1/bar: it is concave, since screws stiffen.
+        """
+        bar = np.maximum(self.pressure, 0.0) / _BAR
+        return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
 
     def lifted(self, by: Floats) -> Floats:
         """`lift` and further (frames, rim) mm."""
         return by if self.lift is None else self.lift + by
+
+    def pulled(self, by: Floats) -> Floats:
+        """`inwards` and further (frames, rim) mm."""
+        return by if self.inwards is None else self.inwards + by
+
+    @property
+    def edge(self) -> Floats | None:
+        """Displacement (frames, rim, 3) mm of the rim, or of the springs' ends; None: it stays."""
+        if self.lift is None and self.inwards is None:
+            return None
+        out = np.zeros((len(self.pressure), len(self.angle), 3))
+        if self.lift is not None:
+            out[..., 2] = self.lift
+        if self.inwards is not None:
+            out[..., 0] = -self.inwards * np.cos(self.angle)
+            out[..., 1] = -self.inwards * np.sin(self.angle)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +171,8 @@ class Scene:
     radius : float, mm
     turn, shift : (frames, 3) arrays, degree and mm
         Rotation vector and shift of the frame, from all effects together: applied last.
+    elapsed : (frames,) array or None
+        Share of the test's time that has passed.
     """
 
     reference: Floats
@@ -148,3 +182,4 @@ class Scene:
     radius: float
     turn: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     shift: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    elapsed: Floats | None = None

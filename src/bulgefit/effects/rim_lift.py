@@ -12,9 +12,6 @@ from bulgefit.effects.places import Clamping
 
 __all__ = ["EFFECT"]
 
-#: MPa.
-_BAR = 0.1
-
 
 class RimLift(Effect):
     """The rim rises by amplitude max(0, cos(φ - direction)) (1 - exp(-shape p))/shape, p in bar.
@@ -63,9 +60,7 @@ class RimLift(Effect):
         """See the class."""
         if own["amplitude"] == 0.0:
             return clamping
-        bar = np.maximum(clamping.pressure, 0.0) / _BAR
-        shape = own["shape"]
-        rise = own["amplitude"] * (-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
+        rise = own["amplitude"] * clamping.opened(own["shape"])
         side = np.maximum(np.cos(clamping.angle - np.deg2rad(own["direction"])), 0.0)
         return replace(clamping, lift=clamping.lifted(np.outer(rise, side)))
 

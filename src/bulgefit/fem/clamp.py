@@ -7,6 +7,7 @@ displacement q. Along the rim the clamp holds, by springs so stiff that nothing 
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,11 @@ class Clamp:
     linear : LinearSolver
         Of a membrane whose rim is free in its plane.
     compliance : float, mm per N/mm
+
+    Attributes
+    ----------
+    ends : (rim, 2) array, mm
+        Displacement of the springs' outer ends.
     """
 
     def __init__(
@@ -52,20 +58,31 @@ class Clamp:
             soft[:, None, None] * self.radial[:, :, None] * self.radial[:, None, :]
             + hard[:, None, None] * along[:, :, None] * along[:, None, :]
         )
+        self.ends = np.zeros_like(centred)
         self._place = _places(mesh, linear, self.rim)
 
-    def forces(self, displacement: Floats) -> Floats:
-        """The springs' forces (..., rim, 2) at displacements (..., n, 3)."""
-        return np.einsum("nij,...nj->...ni", self.stiffness, displacement[..., self.rim, :2])
+    def pulled_at(self, ends: Floats) -> Clamp:
+        """The same springs with their outer ends displaced by (rim, 2) mm."""
+        out = copy(self)
+        out.ends = ends
+        return out
+
+    def stretch(self, displacement: Floats) -> Floats:
+        """Of the springs (rim, 2) mm at a displacement (n, 3) mm."""
+        return np.asarray(displacement[self.rim, :2] - self.ends)
+
+    def changes(self, fields: Floats) -> Floats:
+        """Changes of the springs' forces (..., rim, 2) along fields (..., n, 3)."""
+        return np.einsum("nij,...nj->...ni", self.stiffness, fields[..., self.rim, :2])
 
     def add(self, displacement: Floats, residual: Floats, data: Floats | None) -> float:
         """Add the springs' forces to `residual` and stiffness to `data`; return their energy."""
-        moved = displacement[self.rim, :2]
-        force = self.forces(displacement)
+        stretch = self.stretch(displacement)
+        force = np.einsum("nij,nj->ni", self.stiffness, stretch)
         residual[self.rim, :2] += force
         if data is not None:
             data[self._place] += self.stiffness[:, (0, 1, 1), (0, 0, 1)]
-        return 0.5 * float((force * moved).sum())
+        return 0.5 * float((force * stretch).sum())
 
 
 def _rim_lengths(mesh: Mesh, positions: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -229,6 +230,12 @@ class Membrane:
         self._unknowns = np.empty(self.linear.size, dtype=np.int64)
         self._unknowns[self.linear.dof[free]] = np.flatnonzero(free.ravel())
 
+    def pulled_at(self, ends: Floats) -> Membrane:
+        """The same with the outer ends of its clamp's springs displaced by (rim, 2) mm."""
+        out = copy(self)
+        out.clamp = None if self.clamp is None else self.clamp.pulled_at(ends)
+        return out
+
     def _solver(self, name: str | None) -> LinearSolver:
         """A linear solver for the displacements that are neither held nor copied."""
         free, cells = ~self.fixed, self.mesh.cells
@@ -323,7 +330,7 @@ class Membrane:
             self.share, self.linear.scatter, self.times, residual, data, fields, rates, changes,
         )  # fmt: skip
         if self.clamp is not None and len(fields) > 0:
-            changes[:, self.clamp.rim, :2] += self.clamp.forces(fields)
+            changes[:, self.clamp.rim, :2] += self.clamp.changes(fields)
         return found
 
     def pressure_force(self, displacement: Floats) -> Floats:

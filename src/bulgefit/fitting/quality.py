@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.noise import Noise, noise_of
 from bulgefit.dic.suspicions import alarms
+from bulgefit.dic.suspicions.points import about_apex_hole
 from bulgefit.errors import InputError
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.optima import elsewhere, of_equal_worth
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
@@ -23,10 +25,10 @@ __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
 Floats = NDArray[np.floating]
 
-#: Starts within this part of the lowest objective are at the same optimum.
-AGREE = 1e-3
 #: Relative standard errors up to which a parameter is found well, roughly, hardly.
 _WELL, _ROUGHLY, _HARDLY = 0.05, 0.25, 1.0
+#: A fit that explains less of the measured displacement leaves more than it explains.
+_LEAST_EXPLAINED = 0.5
 #: Correlations above which two parameters cannot be told apart by a fit.
 _ALIKE = 0.98
 
@@ -41,6 +43,19 @@ class Doubt(Enum):
     WORSE_THAN_UNDEFORMED = (
         "the fit is worse than a model that does not deform: look at the units, axes and "
         "pressures of the test (bulgefit info)"
+    )
+    EXPLAINS_LITTLE = (
+        "the fit explains only {share:.0f} % of the measured displacement, and leaves more than "
+        "that: something else than a bulge of this clamp was measured (bulgefit info, "
+        "bulgefit show)"
+    )
+    OTHER_OPTIMUM = (
+        "{other} fit as well as {this}, and worse lies between: the data do not tell which; hold "
+        "one of them, or give a --prior"
+    )
+    UNDETERMINED = (
+        "{names} cannot be found from this test, other values fit as well: hold what is known, or "
+        "fit more of what was measured (--objective e_w)"
     )
     NO_START_CONVERGED = "no start converged: raise --max-evaluations or --starts"
     STARTS_DISAGREE = "only one of {starts} starts ended at this optimum: raise --starts"
@@ -156,8 +171,9 @@ def quality_of(
     structured = None if misfit is None else float(max(0.0, 1.0 - 1.0 / max(misfit, 1e-9) ** 2))
     worst = objective.value(None)
     explained = 1.0 - value / worst if worst > 0.0 else 0.0
-    best = min(d.best.value for d in descents if np.isfinite(d.best.value))
-    agreeing = sum(bool(d.best.value <= best * (1.0 + AGREE)) for d in descents)
+    equal = of_equal_worth(descents)
+    others = elsewhere(problem, z, equal, errors.stderr)
+    agreeing = len(equal) - len(others)
     noise = None if noises is None else np.min([noise.sigma for noise in noises], axis=0).tolist()
     words = {
         p.name: _words(p.name, problem.values(z)[p.name], errors.stderr[p.name])
@@ -178,7 +194,14 @@ def quality_of(
                 for test in objective.tests
                 for alarm in alarms(test)
             ),
-            *_warnings(problem, z, bounded, explained, descents, errors, noise, agreeing),
+            *(
+                Warned(hole.code, f"{test.name}: {hole.text}; {hole.remedy}")
+                for test in objective.tests
+                for hole in about_apex_hole(test)
+            ),
+            *_about_result(problem, z, bounded, explained, errors, words),
+            *_about_search(problem, z, descents, others, agreeing),
+            *_about_mesh(problem, errors, noise),
         ],
     )
 
@@ -242,43 +265,70 @@ def _words(name: str, value: float, error: float | None) -> str:
     return f"{name} cannot be found from this test"
 
 
-def _warnings(
+def _about_result(
     problem: Problem,
     z: Floats,
     bounded: NDArray[np.bool_],
     explained: float,
-    descents: Sequence[Descent],
     errors: Uncertainty,
-    noise: list[float] | None,
-    agreeing: int,
-) -> list[Warned]:
+    words: Mapping[str, str],
+) -> Iterator[Warned]:
+    """What cannot be said of the parameters."""
     values = problem.values(z)
-    found = [
-        Doubt.AT_BOUND.of(name=p.name, value=values[p.name], lower=p.lower, upper=p.upper)
-        for p, at in zip(problem.free, bounded, strict=True)
-        if at
-    ]
+    for p, at in zip(problem.free, bounded, strict=True):
+        if at:
+            yield Doubt.AT_BOUND.of(name=p.name, value=values[p.name], lower=p.lower, upper=p.upper)
     if explained < 0.0:
-        found.append(Doubt.WORSE_THAN_UNDEFORMED.of())
-    if not any(d.converged for d in descents):
-        found.append(Doubt.NO_START_CONVERGED.of())
-    elif agreeing == 1 and len(descents) > 1:
-        found.append(Doubt.STARTS_DISAGREE.of(starts=len(descents)))
+        yield Doubt.WORSE_THAN_UNDEFORMED.of()
+    elif explained < _LEAST_EXPLAINED:
+        yield Doubt.EXPLAINS_LITTLE.of(share=100 * explained)
     points = _points(problem.objective)
     if problem.size > 1 and points < problem.size:
         count = f"{points} point{'s' if points > 1 else ''}"
-        found.append(Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size))
-    found += [
-        Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
-        for (a, b), correlation in errors.correlation.items()
-        if abs(correlation) > _ALIKE
+        yield Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size)
+    for (a, b), correlation in errors.correlation.items():
+        if abs(correlation) > _ALIKE:
+            yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
+    # an effect that is not seen may be absent
+    lost = [
+        p.name
+        for p, at in zip(problem.free, bounded, strict=True)
+        if not at and "." not in p.name and "cannot" in words[p.name]
     ]
+    if lost:
+        yield Doubt.UNDETERMINED.of(names=" and ".join(lost))
+
+
+def _about_search(
+    problem: Problem,
+    z: Floats,
+    descents: Sequence[Descent],
+    others: Sequence[Descent],
+    agreeing: int,
+) -> Iterator[Warned]:
+    """Whether there may be a better optimum, or is another one."""
+    if not any(d.converged for d in descents):
+        yield Doubt.NO_START_CONVERGED.of()
+    elif others:
+        values = problem.values(z)
+        this, other = (
+            ", ".join(f"{name} = {found[name]:.4g}" for name in values)
+            for found in (values, others[0].best.values)
+        )
+        yield Doubt.OTHER_OPTIMUM.of(this=this, other=other)
+    elif agreeing == 1 and len(descents) > 1:
+        yield Doubt.STARTS_DISAGREE.of(starts=len(descents))
+
+
+def _about_mesh(
+    problem: Problem, errors: Uncertainty, noise: list[float] | None
+) -> Iterator[Warned]:
+    """Whether the mesh's error is in the result."""
     left = errors.mesh_error_mm
     if left is None and problem.objective.setup.corrects_mesh:
-        found.append(Doubt.MESH_ERROR_UNKNOWN.of())
+        yield Doubt.MESH_ERROR_UNKNOWN.of()
     elif left is not None and noise is not None and (np.array(left) > np.array(noise) / 3).any():
-        found.append(Doubt.MESH_ERROR_LARGE.of())
-    return found
+        yield Doubt.MESH_ERROR_LARGE.of()
 
 
 def _points(objective: Objective) -> int:

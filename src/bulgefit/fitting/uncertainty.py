@@ -84,6 +84,10 @@ class Uncertainty:
         return out
 
 
+#: Eigenvalues below this part of the largest are rounding.
+_NOTHING = 1e-12
+
+
 def uncertainty_of(
     problem: Problem,
     z: Floats,
@@ -121,13 +125,9 @@ def uncertainty_of(
     bread = sums.bread()
     if problem.priors:
         bread = bread + problem.pull(problem.objective.value(shapes), z)[0]
-    free = ~at_bound
-    inverse = np.zeros_like(bread)
-    scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))
-    scaled = bread / np.outer(scale, scale)
-    known = np.ix_(free, free)
-    inverse[known] = np.linalg.pinv(scaled[known], rcond=1e-12, hermitian=True)
-    inverse /= np.outer(scale, scale)
+    inverse, told = _inverse(bread, ~at_bound)
+    if problem.objective.count <= (~at_bound).sum() and not problem.priors:
+        told[:] = False  # they are met whatever their errors, and tell none
     noise, blocks = (inverse @ meat @ inverse for meat in (sums.cells(), sums.blocks()))
     shifts, mesh = _shifts(problem, z, shapes, sums, inverse, stated)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
@@ -139,7 +139,7 @@ def uncertainty_of(
         student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_blocks - 1, 1)),
         student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_cells - 1, 1)),
     )
-    return _described(problem, z, free, covariance, noise, blocks, wider, shifts, quantiles, mesh)
+    return _described(problem, z, told, covariance, noise, blocks, wider, shifts, quantiles, mesh)
 
 
 def _check(stated: Mapping[str, float]) -> None:
@@ -150,6 +150,22 @@ def _check(stated: Mapping[str, float]) -> None:
             )
         if not 0.0 < size < 1.0:
             raise InputError(f"uncertainty of {name}: give a part between 0 and 1, got {size:g}")
+
+
+def _inverse(bread: Floats, free: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
+    """A⁻¹ among free parameters, and which of them the data tell at all.
+
+    Directions that change nothing are left out of the inverse: it would say that they are known.
+    """
+    inverse, told = np.zeros_like(bread), free.copy()
+    scale = np.sqrt(np.maximum(np.diag(bread), 1e-300))
+    among = np.ix_(free, free)
+    values, vectors = np.linalg.eigh((bread / np.outer(scale, scale))[among])
+    seen = values > _NOTHING * values.max(initial=0.0)
+    inverse[among] = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    # of a direction that is not seen, this much is the parameter's own
+    told[free] = (vectors[:, ~seen] ** 2).sum(axis=1) < np.sqrt(_NOTHING)
+    return inverse / np.outer(scale, scale), told
 
 
 def _with_deviations(covariance: Floats, deviation: Floats) -> Floats:
@@ -374,7 +390,7 @@ def _of_moduli(problem: Problem, z: Floats, size: float) -> Floats:
 def _described(
     problem: Problem,
     z: Floats,
-    free: NDArray[np.bool_],
+    told: NDArray[np.bool_],
     covariance: Floats,
     noise: Floats,
     blocks: Floats,
@@ -392,7 +408,7 @@ def _described(
     parts: dict[str, dict[str, float]] = {}
     for j, p in enumerate(problem.free):
         error = float(np.sqrt(max(covariance[j, j], 0.0)))
-        if not free[j] or not np.isfinite(error) or error == 0.0:
+        if not told[j] or not np.isfinite(error) or error == 0.0:
             stderr[p.name] = intervals[p.name] = by_noise[p.name] = by_block[p.name] = None
             continue
         unit = abs(problem.value_slope(j, z))

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.fields.base import Sampled
+from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import fields, scatter
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import SolveError
+from bulgefit.gap.apart import taken_apart
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import (
-    MATERIAL,
     Coordinates,
     effect_of,
     is_field,
@@ -27,19 +26,18 @@ from bulgefit.gap.evidence.coordinates import (
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
-from bulgefit.gap.evidence.problem import Layout, Model, freeze
+from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import temper
+from bulgefit.gap.evidence.temper import determined, temper
 from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
-from bulgefit.gap.residual.structure import Structure, structure
+from bulgefit.gap.residual.structure import structure
 from bulgefit.parallel.journal import kept
-from bulgefit.parallel.spread import spread
-from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["Evidence", "Explanation", "FoundField", "Known", "Step", "explain"]
+__all__ = ["START", "explain"]
 
 Floats = NDArray[np.float64]
 
@@ -47,97 +45,8 @@ Floats = NDArray[np.float64]
 START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What speaks for a group of the final model.
-
-    Attributes
-    ----------
-    probability : float
-    rivals : tuple of str
-        Groups of which one may stand in its place, where it is not sure.
-    without : Regression or None
-        The rest of the model, refitted; None where nothing balances.
-    pulls : dict of Key to float
-        Distance of each parameter from its null in prior widths.
-    """
-
-    probability: float
-    rivals: tuple[str, ...]
-    without: Regression | None
-    pulls: dict[Key, float]
-
-    @property
-    def sure(self) -> bool:
-        """Whether the group is sure by itself."""
-        return self.probability >= SURE
-
-
-@dataclass(frozen=True, eq=False)
-class FoundField:
-    """A field of the final model: something sits in its place that no effect describes."""
-
-    group: str
-    sampled: Sampled
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """The model with one group more."""
-
-    group: str
-    before: Regression
-    after: Regression
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """Normal matrix of every catalogue effect's coordinates at the final model."""
-
-    keys: tuple[Key, ...]
-    hessian: Floats
-
-
-@dataclass(eq=False)
-class Explanation:
-    """What was found.
-
-    Attributes
-    ----------
-    baseline, final : Regression
-    known : Known
-    groups : dict of group (`effect`, or `effect@i` of specimen i) to its freed keys
-        Those of the final model, what takes most off the gap first; fields among them.
-    evidence : dict of group to Evidence
-    others : dict of group to float
-        Probabilities of candidates that are not in the final model.
-    fields : list of FoundField
-    steps : list of Step
-        From the moduli alone to the final model, group by group.
-    start, remainder : Structure
-        Of the baseline's residual and of the final model's.
-    temper : float
-        By which differences of the evidence were divided.
-    """
-
-    baseline: Regression
-    final: Regression
-    known: Known
-    groups: dict[str, tuple[Key, ...]]
-    evidence: dict[str, Evidence]
-    others: dict[str, float]
-    fields: list[FoundField]
-    steps: list[Step]
-    start: Structure
-    remainder: Structure
-    temper: float
-
-    @property
-    def complete(self) -> bool:
-        """Whether effects that have names explain the gap down to the noise."""
-        return not self.fields and not self.remainder.significant
+#: How often units are fixed anew where fields are freed.
+_UNITS = 2
 
 
 def explain(
@@ -179,7 +88,7 @@ def explain(
     whole = [p.data for p in prepared]
     several = len(whole) > 1
     # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
-    usable += [f for f in fields().values() if f.parameters and (several or not f.shared)]
+    usable += [f for f in _stepped_fields(whole) if several or not f.shared]
     if several:
         usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]
@@ -193,8 +102,11 @@ def explain(
     for index, p in enumerate(prepared):
         fix_units(p, rough.here.near[index])
 
-    plain, creased = _searched(whole, coordinates, layout, rough, say, thorough=thorough)
-    search = creased or plain
+    origin = np.array(layout.null)
+    origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
+    plain, creased, search = _searched(
+        prepared, coordinates, layout, rough, origin, say, thorough=thorough
+    )
     found = search.best
     say("the best model, by all points")
     for index, p in enumerate(prepared):
@@ -203,11 +115,11 @@ def explain(
     weighing = Weighing(whole, coordinates, search.problem.offsets)
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    free = len(fit.here.columns)
-    tempered = temper(whole, final.predictions, free)
-    chances = weighed(search.scores(tempered), tempered, search.names)
+    tempered = temper(whole, final.predictions, determined(fit, layout))
+    left = max(tempered / search.problem.tempered, 1.0)
+    chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
-    groups, without, steps = _taken_apart(weighing, layout, fit, final, baseline, executor)
+    groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
@@ -231,6 +143,16 @@ def explain(
     )
 
 
+def _stepped_fields(data: Sequence[Data]) -> list[Field]:
+    """Fields that have coordinates, and of the tests all that they need."""
+    tests = [d.specimen.test for d in data]
+    return [
+        f
+        for f in fields().values()
+        if f.parameters and all(getattr(t, need) is not None for t in tests for need in f.needs)
+    ]
+
+
 def _catalogued(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(n for n in names if not is_field(n))
 
@@ -252,11 +174,11 @@ def _rough(
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
     try:
-        return kept(lambda: descend(weighing, layout, model, start, roughly=True))
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True, to_noise=True))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return kept(lambda: descend(weighing, layout, model, other, roughly=True))
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True, to_noise=True))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
@@ -267,44 +189,57 @@ def _thinned(data: Sequence[Data]) -> list[Data]:
 
 
 def _searched(
-    whole: Sequence[Data],
+    prepared: Sequence[Prepared],
     coordinates: Coordinates,
     layout: Layout,
     rough: Fit,
+    origin: Floats,
     say: Callable[[str], None],
     *,
     thorough: bool,
-) -> tuple[Search[Weighing], Search[Weighing] | None]:
+) -> tuple[Search[Weighing], Search[Weighing] | None, Search[Weighing]]:
     """Models weighed on as many points as the noise's correlation leaves.
 
-    The second search is that beside offsets of every point; None where they do not pay. They are
-    tried before the other fields, since they cost no coordinates.
+    The search by points as they are, that beside offsets of every point (None where they do not
+    pay), and the one whose best model holds: one of the two, or the better one gone through again
+    by what its largest model leaves.
+
+    Elimination begins where everything together leaves nothing but noise. Where all that have names
+    leave more, so do fewer: offsets are tried, which cost no coordinates, and then the fields.
+    Units that were fixed by a fit that missed are fixed anew, by everything and by what is left of
+    it: with all fields free the shape is off by more than the errors of what is then taken out.
     """
-    data = _thinned(whole)
-    plain = _Trial.of(Weighing(data, coordinates), layout, rough, say)
+    data = _thinned([p.data for p in prepared])
+    plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
     if thorough:
         plain.ways.every()
     else:
-        plain.ways.by_elimination()
+        plain.ways.by_elimination(lambda: plain.is_content)
     if not plain.search.fits:
         plain.ways.from_below()
     if plain.is_content:
         plain.finish()
-        return plain.search, None
+        return plain.search, None, plain.search
     sizes = _offset_sizes(data, plain.regression)
     creased = None
     if any(size.any() for size in sizes):
         say("an offset of every point")
-        creased = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, say)
-        creased.ways.by_elimination()
-        if creased.search.fits and creased.is_content:
-            creased.finish()
-            return plain.search, creased.search
+        beside = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, origin, say)
+        beside.ways.by_elimination(lambda: beside.is_content)
+        creased = beside if beside.search.fits else None
+    if creased is not None and creased.is_content:
+        creased.finish()
+        return plain.search, creased.search, creased.search
     plain.ways.with_fields()
-    if creased is None or not creased.search.fits:
-        return plain.search, None
-    paid = _score(creased.search) < plain.search.best.score
-    return plain.search, creased.search if paid else None
+    paid = creased is not None and _score(creased.search) < plain.search.best.score
+    chosen = creased if creased is not None and paid else plain
+    found = chosen
+    for _ in range(_UNITS):
+        say("units anew")
+        for index, p in enumerate(prepared):
+            fix_units(p, found.search.best.here.near[index])
+        found = found.anew(_thinned([p.data for p in prepared])).thinned()
+    return plain.search, creased.search if creased is not None and paid else None, found.search
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,13 +252,18 @@ class _Trial:
 
     @classmethod
     def of(
-        cls, weighing: Weighing, layout: Layout, rough: Fit, say: Callable[[str], None]
+        cls,
+        weighing: Weighing,
+        layout: Layout,
+        rough: Fit,
+        origin: Floats,
+        say: Callable[[str], None],
     ) -> _Trial:
-        """From the fit of everything that came first."""
+        """From the fit of everything that came first; fields from the moduli alone, too."""
         names = _free(layout)
         search = Search(weighing, layout, names, say)
         free = tuple(n for n in names if is_field(n))
-        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free))
+        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
 
     @property
     def regression(self) -> Regression:
@@ -343,6 +283,32 @@ class _Trial:
         if len(self.search.best.model) > 2:
             self.ways.from_below()
         self.search.improved(self.search.best)
+        self.ways.from_fields()
+        self.search.closely()
+
+    def anew(self, data: Sequence[Data]) -> _Trial:
+        """The best model alone, by data in other units."""
+        best, problem = self.search.best, self.search.problem
+        weighing = Weighing(data, problem.coordinates, problem.offsets)
+        search = replace(self.search, problem=weighing, fits={})
+        search.fit(best.model, best.x, best.here.near, roughly=True)
+        return replace(self, data=data, search=search, ways=replace(self.ways, search=search))
+
+    def thinned(self) -> _Trial:
+        """The best model without what it can do without, by the noise that it leaves.
+
+        Where the largest model leaves more than noise, that is more than any group can take away:
+        it stands in every model's residual, along the directions that groups have. Beside it as
+        noise (`temper`) groups are judged by what they take off beyond that.
+        """
+        best, search = self.search.best, self.search
+        if not self.is_content:
+            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
+            search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
+            best = search.fit(best.model, best.x, best.here.near) or best
+        search.improved(best)
+        search.closely()
+        return replace(self, search=search, ways=replace(self.ways, search=search))
 
 
 def _score(search: Search[Weighing]) -> float:
@@ -372,7 +338,7 @@ def _of_creases(
     """What speaks for offsets of the points: the best model with them against that without."""
     best = plain.best
     odds = np.exp(-0.5 * (best.score - _score(creased)) / tempered)
-    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near)
+    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near, roughly=True)
     return Evidence(float(1.0 / (1.0 + odds)), (), regression_of(weighing, smooth), {})
 
 
@@ -382,72 +348,6 @@ def _creases(data: Sequence[Data], final: Regression) -> Sampled:
     assert offset is not None
     x, y = data[0].specimen.reference[:, :2].T
     return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
-
-
-def _taken_apart(
-    weighing: Weighing,
-    layout: Layout,
-    fit: Fit,
-    final: Regression,
-    baseline: Regression,
-    executor: Executor,
-) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
-    """Groups by what they take off, the model without each, and the way there from the moduli."""
-    names = sorted(name for name, _ in fit.model)
-    beside = (weighing, layout, fit.x, fit.here.near)
-    creased = weighing.offsets is not None
-    scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
-    more = creased or bool(scattering)
-    alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
-
-    def refitted(models: Sequence[Model]) -> list[Regression | None]:
-        some = [model for model in models if model]
-        found = spread(executor, _refit, beside, some)
-        known = {freeze({}): alone, **dict(zip(some, found, strict=True))}
-        return [known[model] for model in models]
-
-    rests = refitted([_less(fit.model, [name]) for name in names])
-    without = dict(zip(names, rests, strict=True))
-
-    def worth(name: str) -> float:
-        rest = without[name]
-        return np.inf if rest is None else rest.held_out()
-
-    names.sort(key=worth, reverse=True)
-    # the way up: what is taken out last, and with it all that are worth more, stands first
-    between = refitted([_less(fit.model, names[k:]) for k in range(1, len(names) - 1)])
-    fits = [alone, *between, *([without[names[-1]]] if len(names) > 1 else []), final]
-    steps, last = [], alone
-    if more:
-        last = alone if names else final
-        steps.append(
-            Step(" + ".join([*scattering, *([CREASES] if creased else [])]), baseline, last)
-        )
-    for name, after in zip(names, fits[1:], strict=True) if names else ():
-        steps.append(Step(name, last, after or last))
-        last = after or last
-    return names, without, steps
-
-
-def _less(model: Model, names: Iterable[str]) -> Model:
-    gone = set(names)
-    return freeze({name: form for name, form in model if name not in gone})
-
-
-def _refit(
-    shared: tuple[Weighing, Layout, Floats, Sequence[object]], model: Model
-) -> Regression | None:
-    """A smaller model, from where the larger one stands; None where nothing balances.
-
-    Roughly: what it leaves is hundreds of times the noise if its parts matter, and the valleys
-    there are long; where they hardly do, the first step leads to the bottom.
-    """
-    weighing, layout, x, near = shared
-    # what a specimen remembers of earlier solves differs from process to process, in the last bits
-    weighing = weighing.afresh()
-    with one_blas_thread(), suppress(SolveError, InputError):
-        return regression_of(weighing, descend(weighing, layout, model, x, near, roughly=True))
-    return None
 
 
 def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:

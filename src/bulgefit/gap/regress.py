@@ -152,7 +152,7 @@ def regress(
         keys,
         here.values,
         here.normal,
-        [Prediction(p.displacement, p.derivative[:0], p.shapes) for p in here.predictions],
+        [Prediction(p.displacement, p.derivative[:0].copy(), p.shapes) for p in here.predictions],
         [None] * len(data),
         float(np.mean([d.inflation for d in data])),
         converged,

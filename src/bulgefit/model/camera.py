@@ -22,7 +22,7 @@ from bulgefit.effects.places import MOTION, Scene
 from bulgefit.effects.registry import acting
 from bulgefit.model.description import Active
 
-__all__ = ["Passage", "Places", "place", "scene_of", "window_of"]
+__all__ = ["Passage", "Places", "heights_seen", "place", "scene_of", "window_of"]
 
 Floats = NDArray[np.float64]
 #: What takes changes (..., frames, n, 3) mm to others.
@@ -84,8 +84,26 @@ def window_of(active: Active) -> float:
     return float(sum(effect.window(own) for effect, own in active))
 
 
+def heights_seen(reference: Floats, places: Places, radius: float, active: Active) -> Floats:
+    """Heights (n,) mm of points before inflation as the cameras report them.
+
+    What the fabric's shape and the reference image have together, but for the plane that a
+    report's heights are counted from.
+    """
+    out = np.zeros(len(reference))
+    for effect, own in active:
+        out = effect.see_height(own, out + effect.height(own, places.unit))
+        out = out + effect.at_rest(own, reference, radius)[:, 2]
+    return out
+
+
 def scene_of(
-    reference: Floats, places: Places, pressure: Floats, radius: float, active: Active
+    reference: Floats,
+    places: Places,
+    pressure: Floats,
+    radius: float,
+    active: Active,
+    elapsed: Floats | None = None,
 ) -> Scene:
     """What the cameras look at.
 
@@ -95,13 +113,15 @@ def scene_of(
         As seen; heights that are all zero were not kept, and points stand at the model's height.
     pressure : (frames,) array, MPa
         Applied.
+    elapsed : (frames,) array, optional
+        Share of the test's time that has passed.
     """
     standing = np.column_stack([places.position, reference[:, 2]])
     bent = [(effect, own) for effect, own in active if effect.uses("height")]
     if bent and not reference[:, 2].any():
         height = sum((e.height(own, places.unit) for e, own in bent), np.zeros(len(reference)))
         standing = np.column_stack([places.position, height])
-    scene = Scene(reference, places.position, standing, pressure, radius)
+    scene = Scene(reference, places.position, standing, pressure, radius, elapsed=elapsed)
     turn, shift = np.zeros((2, len(pressure), 3))
     for effect, own in active:
         if effect.uses("motion"):

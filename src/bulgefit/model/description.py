@@ -52,15 +52,16 @@ class Description:
         Of the warp from x.
     fabric : Fabric
     load : Load
-    lift : (frames, rim) array or None, mm
-        How far the rim's nodes have risen in each frame.
+    edge : (frames, rim, 3) array or None, mm
+        Displacement of the rim's nodes in each frame; in the plane, where they slip, that of the
+        springs' outer ends.
     """
 
     stiffness: Floats
     angle: float
     fabric: Fabric
     load: Load
-    lift: Floats | None
+    edge: Floats | None
 
     @property
     def law_parameters(self) -> tuple[float, ...]:
@@ -75,7 +76,7 @@ class Description:
         """
         fabric = self.fabric
         uneven = fabric.surface is not None or fabric.thickness is not None
-        moves = fabric.compliance is not None or self.lift is not None
+        moves = fabric.compliance is not None or self.edge is not None
         return not (uneven or moves or any(fabric.slack)) and self.angle == 0.0
 
     def lies_as(self, other: Description) -> bool:
@@ -86,7 +87,7 @@ class Description:
             and here.compliance == there.compliance
             and _same(here.surface, there.surface)
             and _same(here.thickness, there.thickness)
-            and _same(self.lift, other.lift)
+            and _same(self.edge, other.edge)
         )
 
 
@@ -182,7 +183,7 @@ def describe(
         angle=float(np.deg2rad(cloth.angle)),
         fabric=_fabric(cloth, surface, compliance),
         load=load,
-        lift=clamping.lift,
+        edge=clamping.edge,
     )
 
 

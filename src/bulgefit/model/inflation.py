@@ -257,10 +257,12 @@ class Inflation:
         if guesses is None:
             guesses, work = self._guesses(membrane, given, pressure, values)
         guesses[:, membrane.fixed] = 0.0
-        if given.lift is not None:
-            guesses[:, self.mesh.rim, 2] = given.lift
-        forces = _Forces(self, membrane, given.stiffness, changes)
-        quarter = None if changes else self._mirrored(membrane, guesses)
+        if given.edge is not None:
+            rim = self.mesh.rim
+            guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
+        forces = _Forces(self, membrane, given, changes)
+        alike = not changes and given.edge is None
+        quarter = self._mirrored(membrane, guesses) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
             if rest[frame]:
@@ -271,7 +273,8 @@ class Inflation:
                     membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
                 )
                 return *found, np.zeros((0, *guesses[frame].shape))
-            balance = _solved(membrane, guesses[frame], pressure[frame], given.stiffness, values)
+            own = membrane if given.edge is None else membrane.pulled_at(given.edge[frame, :, :2])
+            balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
             fields = forces.fields(balance, frame)
             spent = balance.factorisations
             return balance.displacement, balance.stable, balance.wrinkled, spent, fields
@@ -329,9 +332,9 @@ class Inflation:
             )
         low, high = path.pressure[0], path.pressure[-1]
         guess = np.array([path(min(max(p, low), high))[0] for p in pressure])
-        if given.lift is not None:
-            # the lift of the rim fades towards the centre
-            guess[..., 2] += given.lift @ _faded(self.mesh)
+        if given.edge is not None:
+            # what the rim does fades towards the centre
+            guess += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
         return guess, path.factorisations
 
 
@@ -346,10 +349,11 @@ class _Forces:
         self,
         inflation: Inflation,
         membrane: Membrane,
-        stiffness: Floats,
+        given: Description,
         changes: Mapping[str, Change],
     ) -> None:
-        self._membrane, self._stiffness, self._changes = membrane, stiffness, changes
+        self._membrane, self._stiffness, self._changes = membrane, given.stiffness, changes
+        self._ends = None if given.edge is None else given.edge[..., :2]
         self._rim = inflation.mesh.rim
         self._law = [
             name
@@ -375,11 +379,11 @@ class _Forces:
         ends = (change.below, change.above)
         below, above = (inflation.membrane(d) for d in ends)
         gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
-        lifts = any(d.lift is not None for d in ends)
-        if above.surface is not below.surface or lifts:
+        moves_edge = any(d.edge is not None for d in ends)
+        if above.surface is not below.surface or moves_edge:
             tilt = (above.surface.gradient - below.surface.gradient) / change.span
             moves = (above.reference - below.reference) / change.span
-            self._moved[name] = _Moved(moves, tilt, gain, lifts)
+            self._moved[name] = _Moved(moves, tilt, gain, moves_edge)
         elif gain.any():
             self._weighed[name] = gain
         if above.clamp is not None and below.clamp is not None:
@@ -397,9 +401,11 @@ class _Forces:
             found = self._membrane.law_changes(balance.displacement, self._before, self._after)
             for name, column in zip(self._law, found, strict=True):
                 columns[place[name]] += column / self._changes[name].span
-        lifts = {name: self._lift(name, frame) for name, m in self._moved.items() if m.lifts}
+        edges = {name: self._edge(name, frame) for name, m in self._moved.items() if m.edge}
+        # where the rim is held it goes along; springs are pulled at
+        held = {name: np.where(self._membrane.fixed, edge, 0.0) for name, edge in edges.items()}
         if self._moved:
-            moves = np.array([m.moves + lifts.get(n, 0.0) for n, m in self._moved.items()])
+            moves = np.array([m.moves + held.get(n, 0.0) for n, m in self._moved.items()])
             columns[[place[name] for name in self._moved]] += self._membrane.reference_changes(
                 balance.displacement, balance.pressure, self._stiffness, moves,
                 self._tilts, self._gains,
@@ -409,36 +415,43 @@ class _Forces:
                 balance.displacement, self._stiffness, self._weights
             )
         for name, stiffer in self._clamped.items():
-            columns[place[name]] += self._by_clamp(stiffer, balance)
+            columns[place[name]] += self._by_clamp(stiffer, balance, frame)
+        if self._membrane.clamp is not None:
+            for name, edge in edges.items():
+                force = np.zeros_like(edge)
+                force[self._rim, :2] = self._membrane.clamp.changes(edge)
+                columns[place[name]] -= self._membrane.gather(force)
         if self._rates:
             by_pressure = -self._membrane.pressure_force(balance.displacement)
             for name, rate in self._rates.items():
                 columns[place[name]] += rate[frame] * by_pressure
         out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(-columns.T).T))
-        for name, lift in lifts.items():
-            out[place[name]] += lift
+        for name, edge in held.items():
+            out[place[name]] += edge
         return out
 
-    def _by_clamp(self, stiffer: Floats, balance: Equilibrium) -> Floats:
+    def _by_clamp(self, stiffer: Floats, balance: Equilibrium, frame: int) -> Floats:
         """Change of R with the stiffness (rim, 2, 2) of the rim's springs."""
         force = np.zeros_like(self._membrane.reference)
-        moved = balance.displacement[self._rim, :2]
-        force[self._rim, :2] = np.einsum("nij,nj->ni", stiffer, moved)
+        stretch = balance.displacement[self._rim, :2]
+        if self._ends is not None:
+            stretch = stretch - self._ends[frame]
+        force[self._rim, :2] = np.einsum("nij,nj->ni", stiffer, stretch)
         return self._membrane.gather(force)
 
-    def _lift(self, name: str, frame: int) -> Floats:
-        """∂(displacement of the rim)/∂(a parameter) as a nodal field (n, 3)."""
+    def _edge(self, name: str, frame: int) -> Floats:
+        """∂(displacement of the edge)/∂(a parameter) as a nodal field (n, 3)."""
         change = self._changes[name]
-        below, above = change.below.lift, change.above.lift
+        below, above = change.below.edge, change.above.edge
         by = (0.0 if above is None else above[frame]) - (0.0 if below is None else below[frame])
         out = np.zeros_like(self._membrane.reference)
-        out[self._rim, 2] = by / change.span
+        out[self._rim] = by / change.span
         return out
 
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """Rates of a parameter's change: positions, shape gradients and weights, and if the rim lifts.
+    """Rates of a parameter's change: positions, shape gradients and weights, and if the rim moves.
 
     As `Membrane.reference_changes` takes them.
     """
@@ -446,11 +459,11 @@ class _Moved:
     moves: Floats
     tilt: Floats
     gain: Floats
-    lifts: bool
+    edge: bool
 
 
 def _faded(mesh: Mesh) -> Floats:
-    """Weights (rim, n) that carry the rim's rise inwards, as (r/a)⁴ of the nearest rim nodes."""
+    """Weights (rim, n) that carry the rim's motion inwards, as (r/a)⁴ of the nearest rim nodes."""
     rim = mesh.nodes[mesh.rim]
     angle = np.arctan2(rim[:, 1], rim[:, 0])
     radius = np.hypot(*mesh.nodes.T) / np.hypot(*rim.T).max()

@@ -151,6 +151,7 @@ def simulate(
     refine: int = DEFAULT_REFINE,
     correct_mesh: bool = True,
     radius: float = 100.0,
+    ellipticity: float = 0.0,
     thickness: float = 0.81,
     law: str = "hencky",
     angle: float = 0.0,
@@ -176,6 +177,9 @@ def simulate(
         stays.
     radius, thickness : float, mm
         `radius` is for the default mesh.
+    ellipticity : float
+        The clamp's semi-axes are radius (1 + ellipticity) along x and radius (1 - ellipticity)
+        along y; for the default mesh.
     law : {"hencky", "svk"}
     angle : float, degree
         Warp axis turned from x, counter-clockwise seen from +z.
@@ -215,7 +219,7 @@ def simulate(
         linear_solver=linear_solver,
         correct_mesh=correct_mesh,
     )
-    virtual = _virtual(mesh, radius, thickness, loads, setup)
+    virtual = _virtual(mesh, radius, ellipticity, thickness, loads, setup)
     values = {**parameters.constants(), **_turned(as_effects(effects), angle)}
     return _simulated(virtual, parameters, values, began)
 
@@ -255,19 +259,28 @@ def _simulated(
 
 
 def _virtual(
-    mesh: Mesh | None, radius: float, thickness: float, loads: Floats, setup: Setup
+    mesh: Mesh | None,
+    radius: float,
+    ellipticity: float,
+    thickness: float,
+    loads: Floats,
+    setup: Setup,
 ) -> VirtualTest:
     """The virtual twin of a test in which no point is measured."""
+    if not abs(ellipticity) < 1.0:
+        raise InputError(f"ellipticity must lie between -1 and 1, got {ellipticity:g}")
     if mesh is not None:
+        if ellipticity:
+            raise InputError("ellipticity: is for the default mesh; a given one has its own rim")
         if mesh.apex in mesh.rim:
             raise InputError(
                 "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
                 "centre, with nodes inside"
             )
         radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
-    test = BulgeTest("simulation", (), loads, radius, thickness)
+    test = BulgeTest("simulation", (), loads, radius, thickness, ellipticity=ellipticity)
     # any outline will do: there are no points that a mesh could fail to cover
-    inflation = Inflation(radius, thickness, float(loads.max()), setup)
+    inflation = Inflation(radius, thickness, float(loads.max()), setup, ellipticity)
     return VirtualTest(test, setup, inflation=inflation)
 
 

@@ -12,6 +12,7 @@ from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.follow_up.separate import STIFFNESS
 from bulgefit.gap.residual.locate import Growth
+from bulgefit.report._diagnosis_cloth import cloth_lines, secant_rows
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Block
 from bulgefit.report.record import SIGNIFICANT, Record
@@ -45,7 +46,12 @@ def table(record: Record) -> str:
     lines += _wrapped(_held_out_test(record))
     lines += ["", f"{'moduli (MPa)':<26}{'moduli alone':<24}with causes"]
     lines += [f"{m:<26}{alone:<24}{final}" for m, alone, final in moduli_rows(record)]
+    lines += [
+        f"{row[0]:<26}" + "".join(f"{cell:<16}" for cell in row[1:]).rstrip()
+        for row in secant_rows(record)
+    ]
     parts = {
+        "cloth": cloth_lines(record),
         "left": _remainder(record)[:3],
         "next": (*_actions(record), *_advice(record)),
         "note": _notes(record),
@@ -219,6 +225,8 @@ def _where(where: Mapping[str, float]) -> str:
     if "strain" in where:
         axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
         return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
+    if "time_share" in where:
+        return f"{100.0 * where['time_share']:.0f} % of the test's time"
     return f"{where['pressure_bar']:.3g} bar"
 
 

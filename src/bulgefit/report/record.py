@@ -18,7 +18,7 @@ from bulgefit.fitting.result import describe_tests
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.evidence.coordinates import effect_of, specimen_of
-from bulgefit.gap.explain import Step
+from bulgefit.gap.explanation import Step
 from bulgefit.gap.keys import columns_of
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.locate import Mode, azimuthal_modes

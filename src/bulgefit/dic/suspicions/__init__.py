@@ -6,10 +6,12 @@ from collections.abc import Iterator
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.axes import about_axes
+from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.mixtures import about_mixtures
 from bulgefit.dic.suspicions.points import about_points
 from bulgefit.dic.suspicions.sequence import about_sequence
 from bulgefit.dic.suspicions.sizes import about_sizes
+from bulgefit.dic.suspicions.surface import about_rough_frames, about_surface
 from bulgefit.dic.suspicions.suspicion import Suspicion
 from bulgefit.dic.suspicions.zero import about_offsets, about_zero
 
@@ -22,15 +24,22 @@ def suspicions(test: BulgeTest) -> list[Suspicion]:
 
 
 def alarms(test: BulgeTest) -> list[Suspicion]:
-    """What makes whatever is fitted to the test mean nothing: units, axes, zeros.
+    """What makes whatever is fitted to the test mean nothing: units, axes, zeros, pressures.
 
-    It takes a fraction of a second, whatever the size of the test.
+    It takes a fraction of a second, whatever the size of the test. Heights that lie on no surface
+    tell nothing else.
     """
-    return [*about_sizes(test), *about_axes(test), *about_zero(test)]
+    return [*about_surface(test)] or [
+        *about_sizes(test),
+        *about_axes(test),
+        *about_zero(test),
+        *about_gauge(test),
+    ]
 
 
 def _notes(test: BulgeTest) -> Iterator[Suspicion]:
     yield from about_sequence(test)
     yield from about_mixtures(test)
+    yield from about_rough_frames(test)
     yield from about_points(test)
     yield from about_offsets(test)

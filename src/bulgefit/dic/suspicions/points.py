@@ -12,7 +12,7 @@ from bulgefit.dic.coverage import coverage
 from bulgefit.dic.outliers import stray_points
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_points"]
+__all__ = ["about_apex_hole", "about_points"]
 
 Floats = NDArray[np.floating]
 
@@ -26,6 +26,11 @@ _OFF_PLANE = 0.1
 _FEW_LOST = 0.05
 # Coverage from which points are a field rather than lines or a patch.
 _FIELD = 0.5
+# Part of the rise by which a paraboloid may have fallen at the point nearest the centre: it is 6 %
+# in stiffness (E t ~ w^-3).
+_UNSEEN = 0.02
+# Probability at which scattered points leave a disc about the centre empty by chance.
+_BY_CHANCE = 1e-6
 # Quadrants may differ by this in coverage.
 _UNEVEN = 0.15
 # Points in which strays are looked for, over all frames: keeps large tests to a few seconds.
@@ -45,6 +50,7 @@ def about_points(test: BulgeTest) -> Iterator[Suspicion]:
         )
     else:
         yield from _about_coverage(test, points)
+        yield from about_apex_hole(test)
         yield from _about_reference_z(points, test.radius)
     yield from _about_strays(test)
 
@@ -113,6 +119,27 @@ def _about_coverage(test: BulgeTest, points: Floats) -> Iterator[Suspicion]:
             "uneven_coverage",
             f"coverage is uneven (quadrants {parts}): a hole or shadow on one side",
             "correlate again where points are missing; if the field is whole, check --centre",
+        )
+
+
+def about_apex_hole(test: BulgeTest) -> Iterator[Suspicion]:
+    """Frames without heights near the centre: a hole there, and no sparse field of points."""
+    nearest, holes = [], 0
+    for block in test.blocks:
+        part = np.sum(test.on_circle(block.reference) ** 2, axis=1) / test.radius**2
+        for known in np.isfinite(block.displacement[..., 2]):
+            empty = float(part[known].min(initial=1.0))
+            # of n points scattered over the disc, n part lie within, and none with exp(-n part)
+            if empty > _UNSEEN and known.sum() * empty > -np.log(_BY_CHANCE):
+                holes += 1
+                nearest.append(np.sqrt(empty) * test.radius)
+    if holes:
+        yield Suspicion(
+            "apex_hole",
+            f"no height was measured within {max(nearest):.3g} mm of the centre in {holes} of "
+            f"{test.n_frames} frames: how high the specimen rises there is not known",
+            "correlate again where points are missing; --objective e_z would fit the nearest point "
+            "that was measured",
         )
 
 

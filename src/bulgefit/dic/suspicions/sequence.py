@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
 __all__ = ["about_sequence"]
@@ -18,8 +20,9 @@ _APEX_FALL = 0.05
 
 def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
     """Order and number of frames, and the growth of the apex."""
-    if not test.pressure_increases:
-        frame = int(np.flatnonzero(np.diff(test.pressure) <= 0)[0]) + 1
+    falls = np.diff(test.pressure) < 0
+    if falls.any() or not (test.pressure_increases or any(about_gauge(test))):
+        frame = int(np.flatnonzero(falls if falls.any() else np.diff(test.pressure) == 0)[0]) + 1
         yield Suspicion(
             "pressure_not_increasing",
             f"pressure does not increase at frame {frame}: unloading, or frames out of order",
@@ -51,8 +54,10 @@ def _about_apex(test: BulgeTest) -> Iterator[Suspicion]:
         )
         return
     order = known[np.argsort(test.pressure[known], kind="stable")]
-    rise = test.apex_displacement[order]
-    falls = np.flatnonzero(np.diff(rise) < -_APEX_FALL)
+    rise, part = test.apex_displacement[order], _places(test)[order]
+    # where points near the centre were lost, a paraboloid is lower at the next one
+    farther = np.diff(part).clip(min=0) * np.abs(rise[:-1]) / (1 - part[:-1]).clip(min=1e-9)
+    falls = np.flatnonzero(np.diff(rise) < -_APEX_FALL - farther)
     if len(falls) and rise[-1] >= 0:
         before, after = order[falls[0]], order[falls[0] + 1]
         yield Suspicion(
@@ -61,3 +66,12 @@ def _about_apex(test: BulgeTest) -> Iterator[Suspicion]:
             f"first from frame {before} to {after}: creep, unloading or mixed frames",
             "check which pressure belongs to which frame, and keep the loading branch",
         )
+
+
+def _places(test: BulgeTest) -> NDArray[np.floating]:
+    """(frames,) array: (r/a)^2 of the point at which each frame's apex is read."""
+    part = np.ones(test.n_frames)
+    for block in test.blocks:
+        points = test.on_circle(block.reference[test.apex[block.frames]])
+        part[block.frames] = (points**2).sum(axis=1) / test.radius**2
+    return part

@@ -23,7 +23,8 @@ class Sampled:
     ----------
     values : (m,) array
     where : dict of name to (m,) array
-        `x_mm` and `y_mm`, `angle_degree`, `pressure_bar`, or `strain` and `from_warp_degree`.
+        `x_mm` and `y_mm`, `angle_degree`, `pressure_bar`, `time_share`, or `strain` and
+        `from_warp_degree`.
     """
 
     values: Floats

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.base import Own, several
+from bulgefit.effects.base import Own
 from bulgefit.effects.fields.base import Field, Sampled
+from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Load
 
 __all__ = ["EFFECT"]
@@ -16,13 +18,30 @@ __all__ = ["EFFECT"]
 Floats = NDArray[np.float64]
 
 _BAR = 0.1
-#: cos(kπ p/p_max) from k = 1: what is constant is an offset, which has an effect of its own.
-_WAYS = (1, 2, 3, 4)
-_NAMES = tuple(f"c{k}" for k in _WAYS)
+#: Standard deviation (bar) of the error in the middle of the range.
+_MIDDLE = 0.01
+#: k of sin(kπ p/p_max). What the error is at no pressure (`start`) is an offset, which has an
+#: effect of its own where it is alone; at the highest (`end`) a gain, which nothing shows, so that
+#: it only widens the errors of the moduli. Between the two an error that walks, smoothly or in
+#: steps, is a Brownian bridge: terms of standard deviations √2 σ/kπ, with σ/2 in the middle
+#: (Karhunen and Loève).
+_WAYS = (1, 2, 3, 4, 5, 6)
+
+
+def _part(name: str, prior: float) -> Parameter:
+    return Parameter(
+        name,
+        "bar",
+        -0.3,
+        0.3,
+        prior=prior,
+        reason="gauges of 4 bar are linear to a quarter of a per cent of their range",
+        step=1e-5,
+    )
 
 
 class PressureField(Field):
-    """Recorded minus true pressure: Σ c_k cos(kπ p/p_max), p recorded."""
+    """Recorded minus true pressure, start (1 - τ) + end τ + Σ s_k sin kπτ, τ = p/p_max recorded."""
 
     id = "pressure_field"
     place = "load"
@@ -30,13 +49,10 @@ class PressureField(Field):
     remedy = "calibrate the gauge over its range, rising and falling"
     quantity = "recorded minus true pressure"
     unit = "bar"
-    parameters = several(
-        _NAMES,
-        "bar",
-        0.3,
-        prior=0.01,
-        reason="gauges of 4 bar are linear to a quarter of a per cent of their range",
-        step=1e-5,
+    parameters = (
+        _part("start", _MIDDLE),
+        _part("end", _MIDDLE),
+        *(_part(f"s{k}", 2.0 * _MIDDLE * math.sqrt(2.0) / (k * math.pi)) for k in _WAYS),
     )
     order = 9
 
@@ -53,8 +69,9 @@ class PressureField(Field):
 
 def _error(own: Own, recorded: Floats) -> Floats:
     """Recorded minus true pressure (frames,), bar."""
-    way = np.pi * recorded / recorded.max()
-    return np.asarray(sum(own[f"c{k}"] * np.cos(k * way) for k in _WAYS))
+    share = recorded / recorded.max()
+    between = sum(own[f"s{k}"] * np.sin(k * np.pi * share) for k in _WAYS)
+    return np.asarray(own["start"] * (1.0 - share) + own["end"] * share + between)
 
 
 EFFECT = PressureField()

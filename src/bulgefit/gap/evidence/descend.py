@@ -40,7 +40,8 @@ class Fit:
     here : Linearised
         By the model's coordinates, where the descent ended.
     score : float
-        -2 ln Z by Laplace's approximation there.
+        -2 ln Z by Laplace's approximation there; of a descent that did not converge, as if where it
+        ended were the most probable.
     covariance : (p, p) array
         Of the model's coordinates.
     converged : bool
@@ -70,6 +71,8 @@ def descend(
     steps: int = STEPS,
     *,
     roughly: bool = False,
+    share: float = 0.0,
+    to_noise: bool = False,
 ) -> Fit:
     """Minimise |r|²/v + Σ((x - n)/s)² over a model's coordinates.
 
@@ -102,6 +105,11 @@ def descend(
         Stop where others may start. The truth is χ² of p above the optimum of p coordinates: what
         is below that by less than its standard deviation is no nearer to it. Forecasts see to the
         bottom from there. So it is where the trust region lets no step gain as much.
+    share : float
+        Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
+    to_noise : bool
+        Stop where gains fall, and the steps that are left would not lead down to the noise if each
+        gained as much as the last.
 
     Raises
     ------
@@ -113,7 +121,8 @@ def descend(
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
     least = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
-    reach, converged, taken = _REACH, False, 1
+    reach, converged, taken, last = _REACH, False, 1, np.inf
+    noise = problem.count / problem.inflation
     while taken < steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
         step, damped = _step(slope, matrix, layout, here, reach)
@@ -137,8 +146,16 @@ def descend(
             if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
                 break
+            above = value - gained - noise
+            if gained < share * above or (
+                to_noise and gained < last and gained * (steps - taken) < above
+            ):
+                break
+            last = gained
     found = laplace(here, layout, columns, problem.inflation)
-    return Fit(model, here.light(), found.score, found.covariance, converged, taken)
+    # where a step that was not taken would lead is no evidence
+    score = found.score if converged else found.score + found.ahead
+    return Fit(model, here.light(), score, found.covariance, converged, taken)
 
 
 def _misfit(problem: Problem, here: Linearised) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -32,6 +33,9 @@ LEAST_SHARE = 1e-3
 #: Models of a generation beyond which they are not looked around in: with sixty groups and more
 #: that would take tens of thousands of forecasts.
 MOST_ALIKE = 300
+#: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
+#: when that takes off many times as much.
+_GROWN = 0.01
 
 
 @dataclass(eq=False)
@@ -50,6 +54,8 @@ class Search(Generic[Kind]):
         Every model that was fitted, at its best.
     roughly : bool
         Fit no closer than others may start from.
+    share : float
+        End fits where a step gains less than this share of the misfit beyond the noise.
     """
 
     problem: Kind
@@ -58,6 +64,7 @@ class Search(Generic[Kind]):
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
+    share: float = 0.0
 
     @property
     def best(self) -> Fit:
@@ -65,7 +72,13 @@ class Search(Generic[Kind]):
         return min(self.fits.values(), key=lambda fit: fit.score)
 
     def fit(
-        self, model: Model, start: Floats, near: object = None, *, roughly: bool = False
+        self,
+        model: Model,
+        start: Floats,
+        near: object = None,
+        *,
+        roughly: bool = False,
+        to_noise: bool = False,
     ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
@@ -81,6 +94,8 @@ class Search(Generic[Kind]):
                     start,
                     near,
                     roughly=roughly or self.roughly,
+                    share=self.share,
+                    to_noise=to_noise,
                 )
             )
         except SolveError:
@@ -101,15 +116,35 @@ class Search(Generic[Kind]):
         Parameters
         ----------
         fewer : int, optional
-            Go no further by models of so many groups, unless one is the best of all.
+            Go no further by models of so many groups, unless one is the best of all; nor where as
+            many changes as are left, each as good as the next one, lead to no better one. What one
+            change gains after another falls, as a rule (Das and Kempe, 2011, "Submodular meets
+            spectral").
         """
         while fewer is None or len(fit.model) < fewer or fit is self.best:
             around = self.around(fit)
-            better = self._thinned(fit, around) or self._changed(fit, around)
+            changes = fewer - len(fit.model) if fewer is not None and fit is not self.best else None
+            better = self._thinned(fit, around) or self._changed(fit, around, changes)
             if better is None:
                 break
             fit = better
         return fit
+
+    def closely(self) -> None:
+        """The best model as near as can be, and what raises the evidence from there.
+
+        Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that
+        are at their nulls at the bottom of a bent one may look needed.
+        """
+        close = replace(self, roughly=False)
+        settled = set[Model]()
+        while (best := self.best).model not in settled:
+            settled.add(best.model)
+            found = kept(partial(descend, self.problem, self.layout, best.model, best.x,
+                                 best.here.near))  # fmt: skip
+            self.fits[best.model] = found
+            if self.best is found:
+                close.improved(found)
 
     def scores(self, temper: float) -> dict[Model, float]:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
@@ -167,8 +202,11 @@ class Search(Generic[Kind]):
             reach //= 2
         return None
 
-    def _changed(self, fit: Fit, around: Linearised) -> Fit | None:
-        """With the change that raises the evidence, of those that are forecast to do so most."""
+    def _changed(self, fit: Fit, around: Linearised, changes: int | None = None) -> Fit | None:
+        """With the change that raises the evidence, of those that are forecast to do so most.
+
+        None, too, where so many `changes` of the forecast gain do not reach the best model.
+        """
         here = self._forecast(around, fit.model)
         options = []
         for model in self._neighbours(fit.model):
@@ -180,6 +218,10 @@ class Search(Generic[Kind]):
             if forecast < here:
                 options.append((forecast, model))
         tried = sorted(options, key=lambda o: o[0])[:TRIES]
+        if changes is not None and tried:
+            gain = here - tried[0][0]
+            if fit.score - changes * gain > self.best.score:
+                return None
         for _, model in tried:
             found = self._refit(model, around)
             if found is not None and found.score < fit.score:
@@ -239,12 +281,15 @@ class Ways(Generic[Kind]):
         What a neighbouring point is sooner found from, or None.
     fields : tuple of str
         Groups that are freed by some ways alone.
+    origin : (n,) array, optional
+        Where nothing but what every model has departs from its null; default: `start`.
     """
 
     search: Search[Kind]
     start: Floats
     near: object = None
     fields: tuple[str, ...] = ()
+    origin: Floats | None = None
 
     @property
     def _named(self) -> Search[Kind]:
@@ -252,11 +297,18 @@ class Ways(Generic[Kind]):
         names = tuple(n for n in self.search.names if n not in self.fields)
         return replace(self.search, names=names)
 
-    def by_elimination(self) -> None:
-        """Everything but the fields is freed at once, and thinned."""
+    def by_elimination(self, hopeful: Callable[[], bool] = lambda: True) -> None:
+        """Everything but the fields is freed at once, and thinned.
+
+        Parameters
+        ----------
+        hopeful : callable
+            Whether, by what was fitted so far, thinning may lead anywhere.
+        """
         named = self._named
         whole = named.layout.whole(named.names)
-        if (found := named.fit(whole, self.start, self.near, roughly=True)) is not None:
+        found = named.fit(whole, self.start, self.near, roughly=True, to_noise=True)
+        if found is not None and hopeful():
             named.improved(found)
 
     def from_below(self) -> None:
@@ -271,7 +323,7 @@ class Ways(Generic[Kind]):
         """
         named = self._named
         fewer = len(named.best.model) - 1 if named.fits else None
-        rough = replace(named, roughly=fewer is not None)
+        rough = named if fewer is None else replace(named, roughly=True, share=_GROWN)
         small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
             rough.improved(small, fewer)
@@ -280,24 +332,48 @@ class Ways(Generic[Kind]):
             none = named.layout.columns(freeze({}))
             named.problem.linearise(self.start, none, self.near)
 
-    def with_fields(self) -> None:
-        """Everything is freed from the start, and again with the fields freed last.
+    def from_fields(self) -> None:
+        """Groups are added to each field of the best model alone, fewer than that one has.
 
-        Effects may take what is a field's, and fields what is an effect's.
+        Several effects may stand for what is a field's; beside it they are no worse than before,
+        and far from where they can be let go.
+        """
+        best = self.search.best
+        origin = self.start if self.origin is None else self.origin
+        rough = replace(self.search, roughly=True, share=_GROWN)
+        for name, form in sorted(best.model):
+            if name in self.fields and len(best.model) > 1:
+                alone = rough.fit(freeze({name: form}), origin)
+                if alone is not None:
+                    rough.improved(alone, len(best.model) - 1)
+
+    def with_fields(self, *, thorough: bool = False) -> Fit | None:
+        """Everything is freed from the origin; if that is a trap, with the fields freed last.
+
+        Effects may take what is a field's, and fields what is an effect's. A model that is worse
+        than one it contains was trapped.
+
+        Parameters
+        ----------
+        thorough : bool
+            From both starts in any case.
         """
         layout = self.search.layout
         whole = layout.whole(self.search.names)
-        starts = [(self.start, self.near)]
+        origin = self.start if self.origin is None else self.origin
+        starts = [(origin, None), (self.start, self.near)]
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
-            starts.append((first.x, first.here.near))
+            starts[1] = (first.x, first.here.near)
         for start, near in starts:
-            if (found := self.search.fit(whole, start, near, roughly=True)) is not None:
-                self.search.improved(found)
+            found = self.search.fit(whole, start, near, roughly=True)
+            if found is not None and found is self.search.best and not thorough:
+                break
+        return self.search.fits.get(whole)
 
     def every(self) -> None:
         """All of them, one after another; raises SolveError where none leads anywhere."""
         self.by_elimination()
         self.from_below()
-        if self.fields:
-            self.with_fields()
+        if self.fields and (found := self.with_fields(thorough=True)) is not None:
+            self.search.improved(found)
         self.search.improved(self.search.best)

@@ -16,7 +16,7 @@ from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.evidence.coordinates import effect_of, is_field
-from bulgefit.gap.explain import Explanation
+from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.keys import parameter_of, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes

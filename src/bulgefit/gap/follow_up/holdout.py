@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
-from bulgefit.gap.explain import Explanation
+from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.keys import is_shared, start_of
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress

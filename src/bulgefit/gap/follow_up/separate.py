@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Key
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.gap.explain import Known
+from bulgefit.gap.explanation import Known
 
 __all__ = ["STIFFNESS", "Pair", "cosine_matrix", "indistinguishable", "norms_left"]
 

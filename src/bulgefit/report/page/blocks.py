@@ -16,7 +16,7 @@ class Block:
     Attributes
     ----------
     kind : {"heading", "part", "text", "list", "table", "fields", or a picture's}
-        Pictures are "bars", "spans", "discs" and "curves".
+        Pictures are "bars", "spans", "discs", "curves" and "law".
     lines : tuple of str
         The text with **bold** parts, the items, or the caption of a picture; "fields" is where
         the maps stand.

@@ -11,7 +11,7 @@ from bulgefit.gap.residual.structure import RINGS, SECTORS
 from bulgefit.report.numbers import INTERVAL
 from bulgefit.report.record import SIGNIFICANT, Record
 
-__all__ = ["budget_bars", "curves", "disc_wedges", "discs", "spans"]
+__all__ = ["budget_bars", "curves", "disc_wedges", "discs", "spans", "ticks"]
 
 #: Standard errors at which the steps of colour end, on either side.
 STEPS = (SIGNIFICANT, 10.0, 30.0, 100.0)
@@ -142,7 +142,7 @@ def curves(modes: Sequence[Mapping[str, Any]], component: str) -> dict[str, Any]
     def y(size: float) -> float:
         return float(_HEIGHT * (high - size) / (high - low))
 
-    ticks_y = _ticks(low, high)
+    ticks_y = ticks(low, high)
     return {
         "title": component,
         "width": _WIDTH,
@@ -159,12 +159,12 @@ def curves(modes: Sequence[Mapping[str, Any]], component: str) -> dict[str, Any]
             for m in ours
         ],
         "noise": {"top": y(noise), "height": y(-noise) - y(noise)},
-        "ticks_x": [{"at": x(t), "text": f"{t:g}"} for t in _ticks(0.0, top)],
+        "ticks_x": [{"at": x(t), "text": f"{t:g}"} for t in ticks(0.0, top)],
         "ticks_y": [{"at": y(t), "text": f"{t:g}"} for t in ticks_y],
     }
 
 
-def _ticks(low: float, high: float) -> list[float]:
+def ticks(low: float, high: float) -> list[float]:
     """Three to six round numbers of a range."""
     step = 10.0 ** np.floor(np.log10((high - low) / 2.0))
     step *= next(m for m in (5.0, 2.0, 1.0) if (high - low) / (m * step) >= 2.0)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from bulgefit.gap.diagnosis import Verdict
-from bulgefit.gap.effects import MODULI
+from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.report import _diagnosis_words as words
+from bulgefit.report._diagnosis_cloth import AT_REST, cloth_blocks, is_bent, stiffness_of
 from bulgefit.report.numbers import CARE, INTERVAL, USE, listed, value_text
 from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
@@ -27,6 +28,7 @@ def page_of_diagnosis(record: Record) -> Page:
         Block("heading", ("What it did to the moduli",)),
         *told["moduli"],
         *_moduli_spans(record),
+        *cloth_blocks(record),
         Block("heading", ("How far the gap shrank",)),
         *told["gap"],
         *_budget(record),
@@ -47,8 +49,7 @@ def page_of_diagnosis(record: Record) -> Page:
 
 
 def _answer(record: Record) -> Answer:
-    moduli = record["parameters"]["corrected"]
-    values = tuple(_value(name, moduli[name]) for name in _NAMES)
+    values = tuple(_value(name, found) for name, found in stiffness_of(record).items())
     usable = [v for v in values if v.use != "no"]
     rest = [v.name for v in values if v.use == "no"]
     use = f"Use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
@@ -63,7 +64,7 @@ def _answer(record: Record) -> Answer:
         )
     elif record["verdict"] == Verdict.AMBIGUOUS:
         notes.append("Which of the causes acts decides the moduli, too: split them first (below).")
-    notes += _shifts(record)
+    notes += [AT_REST] if is_bent(record) else _shifts(record)
     return Answer(
         headline[0].upper() + headline[1:] + ".", tone if usable else "bad", values, tuple(notes)
     )
@@ -97,7 +98,8 @@ def _moduli_spans(record: Record) -> list[Block]:
     if not record["tried"]:
         return []
     blocks = []
-    for m in _NAMES:
+    # of a bent law the slope at rest is not to be compared with a stiffness of the whole
+    for m in _NAMES if not is_bent(record) else (SHEAR.name,):
         fits = [(label, record["parameters"][k][m]) for label, k in
                 (("moduli alone", "baseline"), ("with causes", "corrected"))]  # fmt: skip
         rows = [

@@ -15,7 +15,8 @@ Result = Mapping[str, Any]
 #: Warnings that are about one parameter, or about how sure a value is; all others say that the test
 #: or the fit cannot be used as it is.
 _OF_PARAMETERS = (
-    "at_bound", "inseparable", "starts_disagree", "mesh_error_unknown", "mesh_error_large",
+    "at_bound", "inseparable", "undetermined", "starts_disagree", "mesh_error_unknown",
+    "mesh_error_large", "apex_hole",
 )  # fmt: skip
 #: Share of the square misfit that is no noise, from which the model lacks more than the test is
 #: unsure of.

@@ -1,0 +1,156 @@
+"""Is what a diagnosis says of the cloth told: its law, how specimens differ, the shape at rest?"""
+
+from __future__ import annotations
+
+import json
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from bulgefit.report._diagnosis_markdown import as_markdown
+from bulgefit.report._diagnosis_words import table
+from bulgefit.report.page.law_chart import law_chart
+from bulgefit.report.page.of_diagnosis import page_of_diagnosis
+from bulgefit.report.page.page import page_html
+from bulgefit.report.record import record_of
+
+STRAIN = np.array([0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.05])
+WARP, FILL = 200.0 * (STRAIN - 4.0 * STRAIN**2), 120.0 * STRAIN
+
+
+@pytest.fixture(scope="session")
+def family(pair):
+    """As it comes from a file."""
+    return json.loads(json.dumps(record_of(pair)))
+
+
+@pytest.fixture
+def bent(family):
+    """Had the cloth a bent law, of which 2.3 % along warp and 0.7 % along fill were reached."""
+    record = deepcopy(family)
+    record["law"] = law = {
+        "strain": STRAIN.tolist(),
+        "warp_N_per_mm": WARP.tolist(),
+        "fill_N_per_mm": FILL.tolist(),
+        "stderr": {
+            "warp_N_per_mm": (0.01 * WARP).tolist(),
+            "fill_N_per_mm": (0.02 * FILL).tolist(),
+        },
+        "reached": {"warp": 0.0234, "fill": 0.0071},
+    }
+    at = [int(np.argmin(np.abs(STRAIN - s))) for s in (0.01, 0.02, 0.03, 0.05)]
+    record["parameters"]["corrected"]["secant"] = {
+        "strain": STRAIN[at].tolist(),
+        **{
+            modulus: {
+                "value": (np.array(law[f"{axis}_N_per_mm"])[at] / STRAIN[at]).tolist(),
+                "stderr": (np.array(law["stderr"][f"{axis}_N_per_mm"])[at] / STRAIN[at]).tolist(),
+                "unit": "MPa",
+            }
+            for modulus, axis in (("E1", "warp"), ("E2", "fill"))
+        },
+    }
+    return record
+
+
+def words_of(record):
+    """All words of its page, and of the terminal, in lines as long as they are."""
+    return as_markdown(page_of_diagnosis(record), []), " ".join(table(record).split())
+
+
+def numbers(points):
+    return np.array([[float(v) for v in p.split(",")] for p in points])
+
+
+def test_curves_of_the_law_stand_where_forces_are(bent):
+    """Read off the drawing by its own ticks."""
+    chart = law_chart(bent["law"])
+    scale = {}
+    for axis in ("x", "y"):
+        first, *_, last = chart[f"ticks_{axis}"]
+        slope = (float(last["text"]) - float(first["text"])) / (last["at"] - first["at"])
+        scale[axis] = (float(first["text"]), first["at"], slope)
+
+    def read(points):
+        columns = zip(numbers(points).T, "xy", strict=True)
+        return [scale[a][0] + scale[a][2] * (v - scale[a][1]) for v, a in columns]
+
+    warp, fill = chart["lines"]
+    pixel = abs(0.06 * scale["y"][2])
+    for line, force, reached in ((warp, WARP, 2.34), (fill, FILL, 0.71)):
+        strain, seen = read(line["points"])
+        assert strain[-1] == pytest.approx(reached, abs=1e-3)
+        np.testing.assert_allclose(
+            seen, np.interp(strain, [0, *100 * STRAIN], [0, *force]), atol=3 * pixel, rtol=0
+        )
+        beyond, _ = read(line["beyond"])
+        assert (beyond[0], beyond[-1]) == pytest.approx((reached, 5.0), abs=1e-3)
+    # the band is 1.96 standard errors on either side
+    strain, edge = read(warp["band"])
+    upper, lower = edge[: len(edge) // 2], edge[len(edge) // 2 :][::-1]
+    inside = strain[: len(upper)] < 2.34
+    np.testing.assert_allclose(
+        (upper - lower)[inside], 2 * 1.96 * 0.01 * np.array([0, *WARP])[inside], atol=3 * pixel
+    )
+
+
+def test_of_a_bent_law_secants_are_to_be_used(bent):
+    page = page_of_diagnosis(bent)
+    # the largest strain told that was reached, and the least where none was
+    assert [v.name for v in page.answer.values] == ["E1 at 2 % strain", "E2 at 1 % strain", "G12"]
+    assert page.answer.values[0].text == "184.0 ± 3.6 MPa"
+    assert "E1 at 2 % strain = 184.0 ± 3.6 MPa" in page.answer.headline
+    assert any("E1 and E2 by themselves are slopes at rest" in note for note in page.answer.notes)
+    markdown, terminal = words_of(bent)
+    for text in (markdown, terminal):
+        assert "Strains of 2.3 % along warp and 0.71 % along fill were reached" in text
+    assert "| E1 | 192.0 ± 1.9 | 184.0 ± 1.8 | (176.0 ± 1.8) | (160.0 ± 1.6) |" in markdown
+    assert "E1 192.0 ± 1.9 184.0 ± 1.8 (176.0 ± 1.8) (160.0 ± 1.6)" in terminal
+    html = page_html(bent, [None, None])
+    assert 'class="law"' in html
+    assert "fill: 0.71 % reached" in html
+
+
+def test_of_a_straight_law_the_moduli_are(found):
+    record = record_of(found)
+    page = page_of_diagnosis(record)
+    assert [v.name for v in page.answer.values] == ["E1", "E2", "G12"]
+    for text in words_of(record):
+        assert "stress is proportional to the strain" in text
+        assert "secant" not in text
+        # of one specimen
+        assert "specimen to specimen" not in text
+        assert "How specimens" not in text
+
+
+def test_how_specimens_differ(family):
+    family = deepcopy(family)
+    family["scatter"] = {"E1": 0.0712, "E2": 0.0534, "stderr": {"E1": 0.024, "E2": 0.019}}
+    first = family["specimens"][0]
+    first["factors"]["E1"] = {"value": 1.0321, "stderr": 0.0042}
+    first["effects"] = ["creep"]
+    family["specimens"][1]["effects"] = []
+    markdown, terminal = words_of(family)
+    assert "scatters in E1 by 7.1 ± 2.4 % and E2 by 5.3 ± 1.9 % (standard" in terminal
+    assert "same: E1 is 1.0321 ± 0.0042 times the cloth's" in terminal
+    assert "of its own: creep." in terminal
+    assert "| E1 | 7.1 ± 2.4 % |" in markdown
+    assert "| same | 1.0321 ± 0.0042 |" in markdown
+    assert "| none |" in markdown
+
+
+def test_heights_before_inflation_are_told_where_the_model_has_any(family):
+    family = deepcopy(family)
+    family["implied_reference"] = [
+        {"test": "same", "apex_mm": 1.234, "stderr": 0.056, "rms_mm": 0.61},
+        {"test": "plumb", "apex_mm": 0.0, "stderr": None, "rms_mm": 0.0},
+    ]
+    markdown, terminal = words_of(family)
+    assert "same: before inflation its centre stood 1.234 ± 0.056 mm over the plane" in terminal
+    assert "| same | 1.234 ± 0.056 | 0.61 |" in markdown
+    assert "plumb" not in terminal
+    family["implied_reference"] = family["implied_reference"][1:]
+    markdown, terminal = words_of(family)
+    assert "before inflation its centre" not in terminal
+    assert "The shape before inflation" not in markdown
