@@ -261,8 +261,8 @@ class Inflation:
             rim = self.mesh.rim
             guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
         forces = _Forces(self, membrane, given, changes)
-        moves = given.edge is not None
-        quarter = None if changes or moves else self._mirrored(membrane, guesses)
+        alike = not changes and given.edge is None
+        quarter = self._mirrored(membrane, guesses) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
             if rest[frame]:
