@@ -1,12 +1,12 @@
-"""Diagnose the measured tests and write what was found to docs/gap.md.
+"""Diagnose the measured tests together and write what was found to docs/gap.md.
 
-    python benchmarks/gap.py [--data ../shared/data/dic] [--write docs/gap.md] [--report FOLDER]
-                             [--thorough]
+    python benchmarks/gap.py [--data ../shared/data/dic] [--write docs/gap.md] [--json FILE]
+                             [--report FOLDER] [--left-out]
 
-Each binned field is diagnosed by itself. The profiles
-(the same tests on two lines, at full resolution and every recorded frame) take no part in it: they
-judge the model before and after. Then each test is met with what the other two, diagnosed together,
-say of the material.
+The specimens are of one cloth: they share its law. Frames are the recorded ones. The profiles (the
+same tests on two lines, at full resolution) take no part; they judge the model before and after.
+With `--left-out` each test is also met with what the other two say of the cloth, which takes three
+times as long again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import json
 import platform
 import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,58 +28,48 @@ import numpy as np
 from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
-from bulgefit.effects.places import KNEE
+from bulgefit.gap.data import Data
+from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
 
-TESTS = (1, 2, 4)
-MODULI = ("E1", "E2", "G12")
-#: Strain of the secant stiffness: half of what the tests reach.
-SECANT = 0.03
+#: Recorded frames of each test.
+FIELDS = {1: "valmex_test1_binned", 2: "valmex_test2_recorded", 4: "valmex_test4_recorded"}
+#: Strains (%) at which the law is told in docs/gap.md.
+STRAINS = (1.0, 2.0, 3.0, 5.0)
 
 
-def diagnosed(path: Path, profile: Path, report: str | None, thorough: bool) -> dict[str, Any]:
-    """The diagnosis of one field, and the gap on its profiles before and after."""
-    found = bulgefit.diagnose(bulgefit.read_test(path), thorough=thorough, say=_say(path.stem))
-    if report is not None:
-        from bulgefit.report.diagnosis import write_report
-
-        write_report(found, report, force=True)
-    weight = weight_of([p.data for p in found.prepared])
-    (field,) = (p.data.specimen for p in found.prepared)
-    explanation = found.explanation
-    remainder = explanation.remainder
-    return {
-        **found.to_dict(),
-        "profiles": {
-            "before": on_profile(profile, explanation.baseline, field, weight),
-            "after": on_profile(profile, explanation.final, field, weight),
-        },
-        "persistent": remainder.persistent,
-    }
+def gaps_of_each(found: Diagnosis, folder: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """e_w and the others of each test before and after, on its field and its profiles."""
+    data = [p.data for p in found.prepared]
+    weight, told = weight_of(data), {}
+    for index, (number, d) in enumerate(zip(FIELDS, data, strict=True)):
+        profile = folder / f"valmex_test{number}_profiles.npz"
+        for when, fit in (
+            ("before", found.explanation.baseline),
+            ("after", found.explanation.final),
+        ):
+            field = d.specimen.measured - fit.predictions[index].displacement
+            field = np.where(d.used, field, np.nan)
+            told.setdefault(f"{number}", {})[when] = {
+                "field": gap_of([field], [d.sigma], weight)["e_w"],
+                "profiles": on_profile(profile, fit, index, d, weight),
+            }
+    return told
 
 
-def met(paths: Mapping[int, Path], left_out: int) -> dict[str, Any]:
-    """The other tests diagnosed together, and the one left out met with their material."""
-    tests = {n: bulgefit.read_test(path) for n, path in paths.items()}
-    others = [test for n, test in tests.items() if n != left_out]
-    return bulgefit.diagnose(
-        others, holdout=tests[left_out], say=_say(f"test {left_out} left out")
-    ).to_dict()
-
-
-def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> dict[str, float]:
-    """Gap of a model on the profiles, over the pressures that were diagnosed.
+def on_profile(path: Path, fit: Regression, index: int, data: Data, weight: float) -> float:
+    """e_w of a model on the profiles of a test, over the pressures that were diagnosed.
 
     The shapes are those that the diagnosis balanced, between its frames by a spline in p^(1/3).
     Offsets of the field's points are taken linearly between them, and from the nearest outside.
     """
+    field, prediction, offset = data.specimen, fit.predictions[index], fit.offsets[index]
     test = bulgefit.read_test(path)
     low, high = field.recorded.min(), field.recorded.max()
     test = test.select(frames=np.flatnonzero((test.pressure >= low) & (test.pressure <= high)))
-    specimen = Specimen(test, refine=field.refine)
-    (prediction,) = fit.predictions
+    specimen = Specimen(test, field.setup.refine, field.setup.law)
     order = np.argsort(field.recorded)
     spline = CubicSpline(
         np.cbrt(field.recorded[order]), prediction.shapes.displacement[order], axis=0
@@ -89,76 +78,62 @@ def on_profile(path: Path, fit: Regression, field: Specimen, weight: float) -> d
         prediction.shapes, displacement=spline(np.cbrt(specimen.recorded)), derivative={}
     )
     residual = specimen.measured - specimen.observe(between_frames).displacement
-    (offset,) = fit.offsets
     if offset is not None:
         at, known = specimen.reference[:, :2], field.reference[:, :2]
         between = griddata(known, offset, at)
         outside = ~np.isfinite(between)
         between[outside] = griddata(known, offset, at, method="nearest")[outside]
         residual = residual - between
-    return gap_of([residual], [np.ones(3)], weight)
+    return gap_of([residual], [np.ones(3)], weight)["e_w"]
+
+
+def met(paths: Mapping[int, Path], left_out: int) -> dict[str, Any]:
+    """The other tests diagnosed together, and the one left out met with their cloth."""
+    tests = {n: bulgefit.read_test(path) for n, path in paths.items()}
+    others = [test for n, test in tests.items() if n != left_out]
+    return bulgefit.diagnose(
+        others, holdout=tests[left_out], say=_say(f"test {left_out} left out")
+    ).to_dict()
 
 
 def _say(name: str) -> Any:
     return lambda what: print(f"{name}: {what}", file=sys.stderr, flush=True)
 
 
-#: What the pictures of the reports (`--report`) show, in words.
-SEEN = """\
-The gap has two parts. The larger is the same in every frame: folds and waves of some 20 to 80 mm
-and a tilt, which no smooth function of the position follows to the end. They are what the
-reference image showed of a fabric that was not flat: bulging takes the creases out, and the
-displacement carries them with the opposite sign ever after (`reference_state`, as an offset of
-every point; where it pays, with the pressure that flattens them). The rest changes with pressure:
-the fabric starts much stiffer than it goes on, along warp above all (`nonlinear_material`, a knee
-at 1 to 2 % strain, as coated fabrics have it), the clamp moves and tilts with pressure
-(`fixture_motion`), and the values are means over a window as wide as the bins that the fields were
-averaged in (`dic_smoothing`, where it was taken). The smaller effects differ from test to test and
-are like each other in this data; together they can stand in for something else, so the verdict
-stays `unknown`. What is left runs in bands along x that turn their sign between low and high
-pressure."""
-
-
-def page(
-    found: Mapping[int, Mapping[str, Any]], left_out: Mapping[int, Mapping[str, Any]], options: str
-) -> str:
+def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]]) -> str:
     """All results as Markdown."""
+    held = record["gap"]["heldout"]
     parts = [
         "# The gap of the measured tests",
-        f"Made by `python benchmarks/gap.py{options}`; Python {platform.python_version()}. Gaps "
-        "are mean absolute deviations in mm; e_w weighs dz as the fit's objective does. Held out: "
-        "cells of frames and sectors that the fit did not see. Profiles: other data of the same "
-        "tests, at full resolution and every recorded frame, over the same pressures.",
-        SEEN,
-        "## Before and after",
+        f"Made by `python benchmarks/gap.py{' --left-out' if left_out else ''}`; Python "
+        f"{platform.python_version()}. Tests 1, 2 and 4 of one coated fabric, diagnosed together "
+        "by their recorded frames; gaps are e_w in mm (mean absolute deviations, dz weighed as "
+        "the fit's objective does). Profiles: other data of the same tests, at full resolution.",
+        f"**{record['verdict']}**, {record['meta']['seconds'] / 60:.0f} minutes. Held-out e_w "
+        f"{held['baseline']['e_w']:.3f} mm by the moduli alone, {held['explained']['e_w']:.3f} mm "
+        f"by what was found; noise alone leaves {record['gap']['noise_floor']['e_w']:.3f} mm.",
+        _table(["test", "field before", "after", "profiles before", "after"], _gap_rows(record)),
+        "## The law",
+        *_law(record),
+        "## What is sure, and what is a set",
+        _table(["cause", "test", "probability", "or", "parameters"], _cause_rows(record)),
+        "## What no effect describes",
+        _table(["place", "field", "test", "probability", "largest", "where"], _field_rows(record)),
+        "## The cloth before inflation",
+        "Height over the best plane of the points, at the point nearest the centre, in the "
+        "reference image:",
         _table(
-            ["test", "verdict", "held-out e_w", "", "less by", "held-out e", "", "profiles e_w", "",
-             "less by"],
-            [_gap_row(n, d) for n, d in found.items()],
+            ["test", "mm", "standard error", "root mean square of all points"],
+            [
+                [r["test"], f"{r['apex_mm']:.2f}", _number(r["stderr"]), f"{r['rms_mm']:.2f}"]
+                for r in record["implied_reference"]
+            ],
         ),
-        "## Moduli",
-        _table(
-            ["test", *(f"{m} alone" for m in MODULI), *(f"{m} with causes" for m in MODULI)],
-            [*(_moduli_row(n, d) for n, d in found.items()), _scatter_row(found)],
-        ),
-        f"With a knee in the material E1 and E2 are its first slopes. Secant stiffness along warp "
-        f"and fill at {100 * SECANT:.0f} % strain, MPa, which the moduli alone are as well:",
-        _table(
-            ["test", "warp alone", "fill alone", "warp with causes", "fill with causes"],
-            _secant_rows(found),
-        ),
-        "## Two tests together, and the third met with their material",
-        "The two share moduli and material effects; up to four effects. Of the third, the clamp, "
-        "load, shape and camera alone are fitted, on every second frame, and the gap is that of "
-        "the frames between. Before: the two's moduli alone.",
-        _table(
-            ["left out", "found on the others", "E1", "E2", "G12", "held-out e_w of the others", "",
-             "less by", "e_w of the one left out", "", "less by"],
-            [_left_out_row(n, d) for n, d in left_out.items()],
-        ),
-    ]  # fmt: skip
-    for n, d in found.items():
-        parts += [f"## Test {n}", *_test_parts(d)]
+        "## What to measure next",
+        *(f"- {a['measurement']}" for a in record["advice"]),
+    ]
+    if left_out:
+        parts += ["## Each test met with the cloth of the other two", _met(left_out)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -167,126 +142,83 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _lowered(before: float, after: float) -> list[str]:
-    return [f"{before:.3f}", f"{after:.3f}", f"{100 * (1 - after / before):.0f} %"]
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
 
 
-def _gap_row(n: int, d: Mapping[str, Any]) -> list[str]:
-    held, profiles = d["gap"]["heldout"], d["profiles"]
+def _gap_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    kinds = [(kind, when) for kind in ("field", "profiles") for when in ("before", "after")]
     return [
-        f"{n}", d["verdict"],
-        *_lowered(held["baseline"]["e_w"], held["explained"]["e_w"]),
-        *_lowered(held["baseline"]["e"], held["explained"]["e"])[:2],
-        *_lowered(profiles["before"]["e_w"], profiles["after"]["e_w"]),
-    ]  # fmt: skip
-
-
-def _left_out_row(n: int, d: Mapping[str, Any]) -> list[str]:
-    held, holdout = d["gap"]["heldout"], d["holdout"]
-    return [
-        f"{n}", " + ".join(c["effect"] for c in d["causes"]),
-        *(f"{d['parameters']['corrected'][m]['value']:.1f}" for m in MODULI),
-        *_lowered(held["baseline"]["e_w"], held["explained"]["e_w"]),
-        *_lowered(holdout["baseline"]["e_w"], holdout["explained"]["e_w"]),
-    ]  # fmt: skip
-
-
-def _moduli_row(n: int, d: Mapping[str, Any]) -> list[str]:
-    both = (d["parameters"]["baseline"], d["parameters"]["corrected"])
-    return [f"{n}", *(f"{part[m]['value']:.1f}" for part in both for m in MODULI)]
-
-
-def _scatter_row(found: Mapping[int, Mapping[str, Any]]) -> list[str]:
-    """Standard deviation over mean."""
-    out = ["scatter"]
-    for part in ("baseline", "corrected"):
-        for m in MODULI:
-            values = [d["parameters"][part][m]["value"] for d in found.values()]
-            out.append(f"{100 * np.std(values, ddof=1) / np.mean(values):.0f} %")
-    return out
-
-
-def _secant_rows(found: Mapping[int, Mapping[str, Any]]) -> list[list[str]]:
-    """Stress over strain at `SECANT`, for each test, and the scatter."""
-    sides = (("E1", "x"), ("E2", "y"))
-    values = [
-        [d["parameters"]["baseline"][m]["value"] for m, _ in sides]
-        + [_secant(d, m, axis) for m, axis in sides]
-        for d in found.values()
+        [number, *(f"{each[when][kind]:.3f}" for kind, when in kinds)]
+        for number, each in record["each"].items()
     ]
-    rows = [[f"{n}", *(f"{v:.1f}" for v in row)] for n, row in zip(found, values, strict=True)]
-    scatter = np.std(values, axis=0, ddof=1) / np.mean(values, axis=0)
-    return [*rows, ["scatter", *(f"{100 * s:.0f} %" for s in scatter)]]
 
 
-def _secant(d: Mapping[str, Any], modulus: str, axis: str) -> float:
-    """E (1 + k e + s (1 - κ/e atan(e/κ))), as `nonlinear_material` is defined."""
-    named = {c["effect"]: c["parameters"] for c in d["causes"]}.get("nonlinear_material", {})
-    k, s, knee = (
-        named.get(f"{name}_{axis}", {"value": null})["value"]
-        for name, null in (("k", 0.0), ("s", 0.0), ("knee", KNEE))
+def _law(record: Mapping[str, Any]) -> list[str]:
+    law, scatter = record["law"], record["scatter"]
+    strain = 100.0 * np.array(law["strain"])
+    rows = []
+    for at in STRAINS:
+        if at > strain.max() + 1e-9:
+            continue
+        place = int(np.argmin(np.abs(strain - at)))
+        sides = ("warp_N_per_mm", "fill_N_per_mm")
+        cells = [f"{law[side][place]:.3f} ± {law['stderr'][side][place]:.2g}" for side in sides]
+        rows.append([f"{at:g} %", *cells])
+    spread = ", ".join(
+        f"{name} {100 * scatter[name]:.1f} ± {100 * scatter['stderr'][name]:.1f} %"
+        for name in ("E1", "E2")
     )
-    turned = knee / SECANT * np.arctan(SECANT / knee)
-    found = d["parameters"]["corrected"][modulus]["value"]
-    return float(found * (1.0 + k * SECANT + s * (1.0 - turned)))
-
-
-def _test_parts(d: Mapping[str, Any]) -> list[str]:
-    noise = d["noise"][0]
-    sigma = ", ".join(f"{1e3 * s:.1f}" for s in noise["sigma_mm"])
-    parts = [
-        f"{d['verdict']}; {d['meta']['seconds']:.0f} s. Noise (dx, dy, dz) {sigma} µm from "
-        f"{noise['source']}; chi {d['gap']['heldout']['baseline']['chi']:.1f} before, "
-        f"{d['gap']['heldout']['explained']['chi']:.1f} after, on held-out data. Of the noise's "
-        f"variance {d['persistent']:.1f} times persists from frame to frame in what is left.",
-        "Where the baseline misses most:",
-        _table(
-            ["component", "region", "bar", "mean, mm", "share"],
-            [
-                [c["component"], c["region"], "{:.2f} to {:.2f}".format(*c["pressure_band_bar"]),
-                 f"{c['mean_mm']:.3f}", f"{100 * c['share']:.1f} %"]
-                for c in sorted(d["where"], key=lambda c: -c["share"])[:6]
-            ],
-        ),
-        "What was taken, each judged on held-out data:",
-        _table(
-            ["step", "effect", "sum of squares before", "after"],
-            [
-                [f"{k + 1}", r["taken"] or "nothing pays", f"{r['heldout_before']:.3g}",
-                 _after(r)]
-                for k, r in enumerate(d["tried"])
-            ],
-        ),
-    ]  # fmt: skip
-    for c in d["causes"]:
-        first = list(c["parameters"].items())[:9]
-        values = ", ".join(
-            f"{k} {v['value']:.4g} ± {v['stderr']:.1g} {v['unit']}".removesuffix(" 1")
-            for k, v in first
-        )
-        more = f" and {len(c['parameters']) - 9} more" if len(c["parameters"]) > 9 else ""
-        bound = "; at the edge of what is plausible" if c["at_bound"] else ""
-        parts.append(
-            f"- **{c['effect']}**{' (in part)' if c['partial'] else ''}: {values}{more}{bound}. "
-            f"{_worth(c['heldout_reduction'])}"
-        )
-    return parts
-
-
-def _worth(reduction: float | None) -> str:
-    if reduction is None:
-        return "Without it the others leave no equilibrium to start a fit from."
-    return (
-        f"Takes {100 * max(reduction, 0.0):.0f} % of the held-out sum of squares that the others, "
-        "refitted, leave."
+    moduli = ", ".join(
+        f"{name} {m['value']:.4g} ± {m['stderr']:.2g} MPa"
+        for name, m in record["parameters"]["corrected"].items()
+        if name != "secant"
     )
+    return [
+        "Stress resultant under uniaxial tension (N/mm), with standard errors that hold what shape "
+        f"and slack leave open; the tests reach {100 * law['reached']['warp']:.1f} % along warp "
+        f"and {100 * law['reached']['fill']:.1f} % along fill:",
+        _table(["logarithmic strain", "warp", "fill"], rows),
+        f"At rest: {moduli}. Specimens scatter by {spread}.",
+    ]
 
 
-def _after(found: Mapping[str, Any]) -> str:
-    for c in found["candidates"]:
-        if c["effect"] == found["taken"]:
-            return f"{c['heldout']:.3g}"
-    return "-"
+def _cause_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    return [
+        [
+            cause["effect"],
+            "all" if cause["specimen"] is None else f"{list(FIELDS)[cause['specimen']]}",
+            f"{cause['probability']:.3f}",
+            ", ".join(cause["alternatives"]),
+            ", ".join(
+                f"{name} {p['value']:.3g} ± {p['stderr']:.1g} {p['unit']}".removesuffix(" 1")
+                for name, p in list(cause["parameters"].items())[:6]
+            ),
+        ]
+        for cause in record["causes"]
+    ]
+
+
+def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:
+    return [
+        [
+            field["place"],
+            field["field"],
+            "all" if field["specimen"] is None else f"{list(FIELDS)[field['specimen']]}",
+            f"{field['probability']:.3f}",
+            f"{field['largest']:.3g} {field['unit']}".removesuffix(" 1"),
+            ", ".join(f"{name} {value:.3g}" for name, value in field["where"].items()),
+        ]
+        for field in record["fields"]
+    ]
+
+
+def _met(left_out: Mapping[str, Mapping[str, Any]]) -> str:
+    rows = []
+    for number, d in left_out.items():
+        gaps = [f"{d['holdout'][when]['e_w']:.3f}" for when in ("baseline", "explained")]
+        rows.append([number, d["verdict"], *gaps])
+    return _table(["left out", "verdict of the others", "e_w before", "after"], rows)
 
 
 def main() -> None:
@@ -295,29 +227,23 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("../shared/data/dic"))
     parser.add_argument("--write", type=Path, help="Markdown file")
     parser.add_argument("--json", type=Path, help="keep the diagnoses here")
-    parser.add_argument("--report", type=Path, help="draw each diagnosis into a folder of it")
-    parser.add_argument("--thorough", action="store_true", help="up to eight effects a test")
+    parser.add_argument("--report", type=Path, help="draw the joint diagnosis into this folder")
+    parser.add_argument("--left-out", action="store_true", help="meet each test with the others")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
-    with ProcessPoolExecutor(args.workers) as pool:
-        jobs = {
-            n: pool.submit(
-                diagnosed,
-                args.data / f"valmex_test{n}_binned.npz",
-                args.data / f"valmex_test{n}_profiles.npz",
-                None if args.report is None else str(args.report / f"test{n}"),
-                args.thorough,
-            )
-            for n in TESTS
-        }
-        fields = {n: args.data / f"valmex_test{n}_binned.npz" for n in TESTS}
-        meetings = {n: pool.submit(met, fields, n) for n in TESTS}
-        found = {n: job.result() for n, job in jobs.items()}
-        left_out = {n: job.result() for n, job in meetings.items()}
+    paths = {n: args.data / f"{name}.npz" for n, name in FIELDS.items()}
+    tests = [bulgefit.read_test(path) for path in paths.values()]
+    found = bulgefit.diagnose(tests, workers=args.workers, say=_say("together"))
+    record = {**found.to_dict(), "each": gaps_of_each(found, args.data)}
+    if args.report is not None:
+        from bulgefit.report.diagnosis import write_report
+
+        write_report(found, args.report, force=True)
+    left_out = {f"{n}": met(paths, n) for n in FIELDS} if args.left_out else {}
     if args.json:
-        kept = {"alone": found, "left out": left_out}
+        kept = {"together": record, "left out": left_out}
         args.json.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    text = page(found, left_out, " --thorough" if args.thorough else "")
+    text = page(record, left_out)
     if args.write:
         args.write.write_text(text, encoding="utf-8")
     print(text)

@@ -25,6 +25,7 @@ FLOORS = {
     "dic": 2,
     "parallel": 1,
     "files": 1,
+    "shown": 1,
     "errors": 1,
 }
 GROUND = 1

@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.errors import BulgefitError, InputError, SolveError
+from bulgefit.shown import drawn_by
 
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import BulgeTest as BulgeTest
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
+    from bulgefit.fitting.batch import batch_of as batch_of
     from bulgefit.fitting.bootstrap import bootstrap as bootstrap
     from bulgefit.fitting.crossval import crossval as crossval
     from bulgefit.fitting.evaluate import evaluate as evaluate
@@ -33,15 +35,18 @@ if TYPE_CHECKING:
     from bulgefit.model.simulation import Simulation as Simulation
     from bulgefit.model.simulation import simulate as simulate
     from bulgefit.report.fields import plot_fields as plot_fields
+    from bulgefit.report.folds import plot_folds as plot_folds
     from bulgefit.report.measured import plot_apex as plot_apex
     from bulgefit.report.measured import plot_measured as plot_measured
     from bulgefit.report.measured import plot_rings as plot_rings
     from bulgefit.report.paraview import write_paraview as write_paraview
     from bulgefit.report.paraview import write_test_paraview as write_test_paraview
+    from bulgefit.report.plot import plot as plot
     from bulgefit.report.profiles import plot_profiles as plot_profiles
     from bulgefit.report.residuals import plot_residuals as plot_residuals
     from bulgefit.report.show import animate as animate
     from bulgefit.report.show import show as show
+    from bulgefit.report.spreads import plot_spreads as plot_spreads
 
     __version__: str
 
@@ -53,6 +58,7 @@ _HOMES = {
     "Mesh": "bulgefit.fem.mesh",
     "Simulation": "bulgefit.model.simulation",
     "animate": "bulgefit.report.show",
+    "batch_of": "bulgefit.fitting.batch",
     "bootstrap": "bulgefit.fitting.bootstrap",
     "crossval": "bulgefit.fitting.crossval",
     "diagnose": "bulgefit.gap.diagnosis",
@@ -65,12 +71,15 @@ _HOMES = {
     "Setup": "bulgefit.model.setup",
     "predict": "bulgefit.model.predict",
     "measure": "bulgefit.dic.surface.measured",
+    "plot": "bulgefit.report.plot",
     "plot_apex": "bulgefit.report.measured",
     "plot_fields": "bulgefit.report.fields",
+    "plot_folds": "bulgefit.report.folds",
     "plot_measured": "bulgefit.report.measured",
     "plot_profiles": "bulgefit.report.profiles",
     "plot_residuals": "bulgefit.report.residuals",
     "plot_rings": "bulgefit.report.measured",
+    "plot_spreads": "bulgefit.report.spreads",
     "read_test": "bulgefit.dic.readers",
     "show": "bulgefit.report.show",
     "simulate": "bulgefit.model.simulation",
@@ -96,6 +105,13 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = found
     return found
+
+
+def _draw(*given: Any, **how: Any) -> Any:
+    return __getattr__("plot")(*given, **how)
+
+
+drawn_by(_draw)
 
 
 def __dir__() -> list[str]:

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from bulgefit.cli.main import main
-from bulgefit.dic import read_test
+from bulgefit.dic import BulgeTest, read_test
 from bulgefit.errors import BulgefitError, InputError, SolveError
 from bulgefit.fem.mesh import disc
+from bulgefit.model.predict import predict
+from bulgefit.model.setup import Setup
 from bulgefit.model.simulation import simulate
 
 MESH = Path(__file__).parents[3] / "shared" / "data" / "abaqus" / "mesh.npz"
@@ -105,6 +107,24 @@ def test_a_path_is_a_bulge_test(tmp_path, capsys):
     assert run(*words, "--force") == 0
 
 
+def test_the_path_of_an_elliptic_clamp(tmp_path, capsys):
+    """It is a test of that clamp, and its virtual test sees the same."""
+    file, result = tmp_path / "p.npz", tmp_path / "p.json"
+    soft = ["--E1", 303, "--E2", 229, "--G12", 20, "--nu12", 0.24, "--refine", 3]
+    words = ["--semi-axes", 120, 80, "--pressure", 0.5, "--output", file, "--json", result]
+    assert run(*soft, *words) == 0
+    assert "semi-axes 120, 80 mm" in capsys.readouterr().out
+    told = json.loads(result.read_text())
+    assert told["semi_axes_mm"] == [120.0, 80.0]
+    assert "radius_mm" not in told
+    test = read_test(file)
+    np.testing.assert_allclose(test.semi_axes, [120.0, 80.0])
+    moduli = {"E1": 303.0, "E2": 229.0, "G12": 20.0, "nu12": 0.24}
+    seen = predict(test, moduli, setup=Setup(refine=3)).displacement
+    # what is left of the mesh's error
+    assert np.abs(test.blocks[0].displacement - seen).max() < 2.0 * told["mesh_error_mm"]
+
+
 def test_paraview(tmp_path):
     import pyvista
 
@@ -144,6 +164,53 @@ def test_cell_fields_of_an_isotropic_disc(law):
     curvature = np.median(2 * (made.apex[0] - z[near]) / x[near] ** 2)
     assert 2 * 0.81 * s * curvature == pytest.approx(0.1, rel=0.03)
     assert not fields["wrinkled"].any()
+
+
+@pytest.mark.parametrize(
+    "effects", [{}, {"clamp_slip.compliance": 0.02}, {"axis_misalignment.angle": 10.0}]
+)
+def test_shapes_are_what_predict_sees_at_the_nodes(effects):
+    """Fields are interpolated through the nodes, so both ways tell of the same shape."""
+    made = simulate(CONSTANTS, [0.05, 0.2], refine=3, effects=effects)
+    inside = np.delete(np.arange(len(made.mesh.nodes)), made.mesh.rim)
+    points = np.column_stack([made.mesh.nodes[inside], np.zeros(len(inside))])
+    test = BulgeTest.from_arrays(points, np.zeros((2, len(inside), 3)), [0.05, 0.2])
+    seen = predict(test, CONSTANTS, effects=effects, setup=Setup(refine=3, interpolation="none"))
+    np.testing.assert_allclose(made.displacement[:, inside], seen.displacement, atol=1e-9)
+    path = made.path([0.05, 0.2])
+    here = made.displacement - path  # what was taken off the mesh's error, and the path's
+    assert np.abs(here).max() == pytest.approx(made.mesh_error_taken_off, abs=1e-3)
+    assert np.abs(made.path(0.2) - path[1]).max() == 0.0
+
+
+def test_a_rim_that_rises():
+    lift = {"rim_lift.amplitude": 0.5, "rim_lift.direction": 90.0}
+    made = simulate(CONSTANTS, [0.1], refine=1, effects=lift)
+    x, y = made.mesh.nodes[made.mesh.rim].T
+    expected = 0.5 * np.maximum(y, 0.0) / np.hypot(x, y)  # mm at 1 bar, towards y
+    np.testing.assert_allclose(made.displacement[0, made.mesh.rim, 2], expected, atol=1e-8)
+
+
+def test_cells_know_the_effects():
+    own = simulate({**CONSTANTS, "nu12": 0.3}, [0.1], refine=1).cell_fields(0)
+    held = simulate(CONSTANTS, [0.1], refine=1, effects={"poisson_ratio.nu12": 0.3}).cell_fields(0)
+    for name, values in own.items():
+        np.testing.assert_allclose(held[name], values, rtol=1e-9, atol=1e-12)
+
+
+def test_nothing_is_loaded_that_is_not_used():
+    """Neither readers of tests, nor what numba compiles by where nothing is compiled."""
+    words = ["simulate", *MATERIAL, "--refine", "1", "--pressure", "1", "--quiet"]
+    script = (
+        "import sys; from bulgefit.cli.main import main; "
+        f"assert main({words}) == 0; "
+        "print(*{'bulgefit.dic.readers', 'numba.np.arraymath'} & set(sys.modules))"
+    )
+    for _ in range(2):  # the first may have to compile
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        )
+    assert done.stdout.splitlines()[-1] == ""
 
 
 def test_many_pressures_come_from_the_dense_output():
@@ -199,6 +266,11 @@ BAD = {
     "mesh in two": (["--mesh", "two.npz"], "mesh: its cells fall into 2 parts"),
     "radius": (["--radius", "-1"], "--radius -1: give a length above 0 mm"),
     "huge radius": (["--radius", "1e300"], "mesh: nodes reach 1e+300 mm; give them in mm, up to"),
+    "semi-axes": (["--semi-axes", "120", "-80"], "--semi-axes -80: give a length above 0 mm"),
+    "semi-axes and radius": (
+        ["--semi-axes", "120", "80", "--radius", "90"],
+        "--semi-axes: does not go with --radius",
+    ),
     "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
     "angle": (["--angle", "nan"], "--angle nan"),
     "solver": (["--linear-solver", "abacus"], "abacus"),

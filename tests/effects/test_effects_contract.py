@@ -202,6 +202,7 @@ def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualT
     scene = Scene(reference, seen, reference, specimen.recorded, 100.0)
     moved = np.random.default_rng(0).normal(size=(3, len(reference), 3))
     np.testing.assert_array_equal(effect.see(own, scene, moved), moved)
+    np.testing.assert_array_equal(effect.see_height(own, moved[0, :, 2]), moved[0, :, 2])
     for of_frame in effect.motion(own, scene):
         assert not of_frame.any()
 

@@ -124,6 +124,23 @@ def test_stability_is_the_wholes(g12: float) -> None:
     assert quarter.is_stable(path, stiffness) == (g12 == 7.0)
 
 
+def test_a_mesh_is_cut_once_for_all_membranes_that_share_its_solver() -> None:
+    first = Membrane(disc(100.0, ODD), 0.81)
+    other, alone = (Membrane(first.mesh, 0.5, "svk", fabric=LAWED, like=like)
+                    for like in (first, None))  # fmt: skip
+    known, cut, own = (quarter_of(membrane) for membrane in (first, other, alone))
+    assert known is not None
+    assert cut is not None
+    assert own is not None
+    for mine, theirs in zip((cut.even, *cut.odd), (known.even, *known.odd), strict=True):
+        assert mine.linear is theirs.linear
+        assert mine.linear is not own.even.linear
+    paths = [trace_by_quarter(membrane, STIFFNESS) for membrane in (other, alone)]
+    np.testing.assert_array_equal(paths[0].displacement, paths[1].displacement)
+    uneven = Fabric(thickness=np.ones((len(first.mesh.cells), 4)))
+    assert quarter_of(Membrane(first.mesh, fabric=uneven, like=first)) is None
+
+
 def test_wrinkled_points_are_those_of_the_whole() -> None:
     """A tight warp and a slack fill wrinkle at light pressure."""
     fabric = Fabric(slack=(-0.02, 0.05))

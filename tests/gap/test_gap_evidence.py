@@ -313,17 +313,23 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
 
 
 def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():
-    """Along a bent valley, with most of the way behind it and more than a share left."""
-    problem = Known([group("a", [50.0, 50.0])], np.array([0.0, 10.0]), rosenbrock)
+    """Along a bent valley, beside something that no coordinate follows: all it gains is a share."""
+
+    def valley(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, rows = rosenbrock(x)
+        return np.append(value, 0.0), np.vstack([rows, np.zeros(2)])
+
+    start = np.array([-8.0, 1.0])
+    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 10.0, 100.0]), valley)
     layout = Layout.of(problem.groups)
     whole, part = (
-        descend(problem, layout, layout.whole(), np.array([-8.0, 1.0]), share=share)
-        for share in (0.0, 0.9)
+        descend(problem, layout, layout.whole(), start, share=share) for share in (0.0, 0.9)
     )
     assert whole.converged
     assert not part.converged
     assert part.steps < whole.steps
-    assert whole.here.square < part.here.square < rosenbrock(np.array([-8.0, 1.0]))[0][0] ** 2
+    assert whole.here.square < part.here.square < (problem._measured - valley(start)[0])[0] ** 2
+    assert part.score > part.here.square  # what it did not go is no evidence
 
 
 @pytest.mark.parametrize("lacking", [0.0, 300.0])
@@ -550,6 +556,44 @@ def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
     search.fits[named] = replace(search.best, model=named, score=search.best.score - 1.0)
     ways.with_fields()
     assert problem.solves - before > 2 * once
+
+
+def test_what_is_needed_on_a_slope_alone_is_let_go():
+    """From a rough fit b makes up for the bend of a's curve; at the bottom it is null."""
+    slope = np.linspace(0.5, 1.5, 40)
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bent = np.exp(x[0] * slope)
+        return 30.0 * bent + 30.0 * slope**2 * x[1], np.stack(
+            [30.0 * slope * bent, 30.0 * slope**2], axis=1
+        )
+
+    noise = np.random.default_rng(16).normal(size=40)
+    groups = [group("a", [3.0], always=True), group("b", [3.0])]
+    problem = Known(groups, curve(np.array([0.8, 0.0]))[0] + noise, curve)
+    search = searched(problem)
+    whole = search.layout.whole()
+    search.fits[whole] = descend(problem, search.layout, whole, np.zeros(2), steps=1)
+    assert search.improved(search.best).model == whole
+    search.closely()
+    assert search.best.converged
+    assert search.best.model == freeze({})
+    assert search.best.x[0] == pytest.approx(0.8, abs=0.02)
+
+
+def test_several_effects_that_stand_for_a_field_are_let_go():
+    """Each of four is worth its cost beside the field, all of them together are not."""
+    rng = np.random.default_rng(15)
+    base, _ = np.linalg.qr(rng.normal(size=(50, 4)))
+    rows = np.column_stack([base.sum(axis=1), base])
+    measured = 60.0 * rows[:, 0] + rng.normal(size=50)
+    narrow = [group(f"n{i}", [60.0]) for i in range(4)]
+    problem = linear([group("f", [2e4]), *narrow], rows, measured)
+    search = searched(problem)
+    ways = Ways(search, np.zeros(5), fields=("f",))
+    assert search.fit(search.layout.whole(), np.zeros(5)) is not None
+    ways.from_fields()
+    assert search.best.model == freeze({"f": 0})
 
 
 def test_no_equilibrium_is_lost_on_the_way():

@@ -10,6 +10,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.locate import Mode, azimuthal_modes
+from bulgefit.gap.residual.structure import cells_of
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.virtual_test import Prediction
 
@@ -23,13 +24,20 @@ GROWTH = {
 }
 
 
-def modes(dz: np.ndarray, points: np.ndarray) -> dict[tuple[str, int], Mode]:
+def data_of(dz: np.ndarray, points: np.ndarray, ellipticity: float = 0.0) -> Data:
     """Of a test whose model is at rest: the displacement is the residual."""
     displacement = np.zeros((*dz.shape, 3))
     displacement[..., 2] = dz
-    test = BulgeTest.from_arrays(points, displacement, BARS / 10)
-    data = Data(Specimen(test, refine=2), np.full(3, 0.01), np.ones(displacement.shape, dtype=bool))
-    at_rest = Prediction(np.zeros(displacement.shape), np.zeros((0, *displacement.shape)), None)
+    test = BulgeTest.from_arrays(points, displacement, BARS / 10, ellipticity=ellipticity)
+    return Data(Specimen(test, refine=2), np.full(3, 0.01), np.ones(displacement.shape, dtype=bool))
+
+
+def modes(
+    dz: np.ndarray, points: np.ndarray, ellipticity: float = 0.0
+) -> dict[tuple[str, int], Mode]:
+    data = data_of(dz, points, ellipticity)
+    shape = data.specimen.measured.shape
+    at_rest = Prediction(np.zeros(shape), np.zeros((0, *shape)), None)
     normal = normal_equations([data], [at_rest], ())
     fit = Regression((), {}, normal, [at_rest], [None], 1.0, converged=True)
     return {(m.component, m.order): m for m in azimuthal_modes([data], fit)}
@@ -55,6 +63,27 @@ def test_a_mode_and_how_it_grows(points: np.ndarray, growth: str, order: int) ->
     np.testing.assert_allclose(np.abs(mode.amplitude), size, rtol=0.02, atol=1e-3)
     others = [m for (_, n), m in found.items() if n != order]
     assert {m.growth for m in others} == {"within noise"}
+
+
+def test_in_an_ellipse_places_are_told_where_it_is_a_circle(points: np.ndarray) -> None:
+    """What depends on the place in the circle alone is found as it is there."""
+    order, ellipticity = 2, 0.3
+    wave = 0.2 * np.cos(order * (np.arctan2(points[:, 1], points[:, 0]) - 0.4))
+    # beyond 0.9 of the radius it is another one
+    dz = np.where(np.hypot(*points[:, :2].T) < 91.0, wave, 5.0)[None] * np.ones((len(BARS), 1))
+    stretched = points * [1.0 + ellipticity, 1.0 - ellipticity, 1.0]
+    found = modes(dz, stretched, ellipticity)
+    for name, mode in modes(dz, points).items():
+        if name[0] == "dz":
+            np.testing.assert_allclose(found[name].amplitude, mode.amplitude, atol=1e-12)
+    residual = np.zeros((*dz.shape, 3))
+    residual[..., 2] = dz
+    told = [
+        {(c.component, c.region, c.band): c.mean for c in cells_of(data_of(dz, *given), residual)}
+        for given in ((points,), (stretched, ellipticity))
+    ]
+    assert told[0].keys() == told[1].keys()
+    assert told[1] == pytest.approx(told[0])
 
 
 def test_the_stated_error_is_that_of_the_amplitudes(points: np.ndarray) -> None:

@@ -57,10 +57,15 @@ def plain():
 
 
 @pytest.fixture(scope="session")
-def fitted(plain):
+def fit_found(plain):
+    """A fit."""
+    return fit(plain, setup=Setup(refine=2), starts=2, bounds={"G12": (10.0, 100.0)})
+
+
+@pytest.fixture(scope="session")
+def fitted(fit_found):
     """A fit's JSON."""
-    found = fit(plain, setup=Setup(refine=2), starts=2, bounds={"G12": (10.0, 100.0)})
-    return found.to_dict()
+    return fit_found.to_dict()
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -132,6 +134,35 @@ def test_inflation(opengl, tmp_path):
     assert np.abs(pictures[0] - pictures[2]).mean() > 1.0
 
 
+def test_inflation_as_a_film(opengl, tmp_path):
+    """The pictures of the .gif, but for what a film's compression takes."""
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="an .mp4 needs imageio-ffmpeg")
+    test, _ = made(frames=3)
+    animate(test, tmp_path / "a.mp4")
+    last = show(test, frame=2)
+    as_pictures = ["-i", tmp_path / "a.mp4", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    seen = subprocess.run([ffmpeg.get_ffmpeg_exe(), *as_pictures], capture_output=True, check=True)
+    assert b"Video: h264" in seen.stderr
+    pictures = np.frombuffer(seen.stdout, np.uint8).reshape(-1, *last.shape).astype(float)
+    # 0.12 s each, the last one 1.2 s
+    assert len(pictures) == 2 + 10
+    # colours are kept at half the resolution, so edges are not quite what they were
+    changed = np.abs(pictures[0] - pictures[-1]).mean()
+    assert np.abs(pictures[-1] - last).mean() < 0.5 * changed
+    with pytest.raises(InputError, match="exists"):
+        animate(test, tmp_path / "a.mp4")
+
+
+def test_a_film_without_its_extra(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    file = str(tmp_path / "t.npz")
+    write_test(made()[0], file)
+    assert main(["show", file, str(tmp_path / "a.mp4"), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'pip install "bulgefit[movie]"' in line
+    assert not (tmp_path / "a.mp4").exists()
+
+
 def test_paraview(tmp_path):
     import pyvista
 
@@ -185,7 +216,7 @@ def test_verb(opengl, tmp_path, capsys):
     capsys.readouterr()
     for words, message in (
         ([str(out)], "exists; use --force"),
-        ([str(tmp_path / "a.avi")], "ends in .png, .gif or .pvd"),
+        ([str(tmp_path / "a.avi")], "ends in .png, .gif, .mp4 or .pvd"),
         ([str(tmp_path / "a.gif"), "--frame", "1"], "a .gif holds all frames"),
         ([str(tmp_path / "c.png"), "--hold", "clamp_slip.compliance=0.01"], "give a material too"),
         ([str(tmp_path / "c.png"), "--field", "residual_dx"], "takes a model"),

@@ -17,6 +17,7 @@ __all__ = [
     "add_effect_arguments",
     "add_freeing_arguments",
     "add_prior_argument",
+    "found_law",
     "held_from",
     "priors_from",
     "take_found_moduli",
@@ -39,8 +40,9 @@ def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--from",
         dest="from_file",
-        metavar="GAP.json",
-        help="set the effects' parameters to what bulgefit diagnose found and wrote with --json",
+        metavar="FILE.json",
+        help="set the effects' parameters, and moduli that are not given, to what bulgefit "
+        "diagnose or fit found and wrote with --json",
     )
 
 
@@ -153,37 +155,67 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"--from {path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"--from {path}: no JSON of bulgefit diagnose ({error})") from error
-    if not isinstance(content, dict) or not isinstance(content.get("causes"), list):
-        raise InputError(f"--from {path}: no JSON of bulgefit diagnose (it has no causes)")
+        raise InputError(f"--from {path}: no JSON of bulgefit diagnose or fit ({error})") from error
+    if not isinstance(content, dict) or not any(
+        isinstance(content.get(key), list) for key in ("causes", "starts")
+    ):
+        raise InputError(
+            f"--from {path}: no JSON of bulgefit diagnose or fit (it has no causes or starts)"
+        )
     return content
 
 
+def _is_gap(content: dict[str, Any]) -> bool:
+    return "causes" in content
+
+
+def _told_effects(content: dict[str, Any]) -> dict[str, float]:
+    """Values by `effect.parameter`, or `effect.parameter@i` of test i."""
+    if _is_gap(content):
+        return {
+            f"{cause['effect']}.{name}": float(told["value"])
+            for cause in content["causes"]
+            for name, told in cause["parameters"].items()
+        }
+    told = content["parameters"]
+    return {name: float(told[name]["value"]) for name in told if "." in name}
+
+
 def _found_effects(path: Path, tests: int) -> dict[str, float]:
-    """Values of the causes' parameters."""
+    """Values of effects' parameters that the file tells."""
     from bulgefit.effects.registry import catalogue
 
     known = {name for effect in catalogue().values() for name in effect.names}
     held = {}
-    for cause in _read(path)["causes"]:
-        try:
-            effect, parameters = cause["effect"], cause["parameters"]
-            values = {f"{effect}.{name}": float(p["value"]) for name, p in parameters.items()}
-        except (TypeError, KeyError, ValueError, AttributeError) as error:
-            raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
-        for name, value in values.items():
-            base, at, index = name.partition("@")
-            if base not in known:
-                raise InputError(
-                    f"--from {path}: {base} is no parameter that a model can be given (an offset "
-                    "of every point, say); leave it out and hold the others with --hold"
-                )
-            if at and tests == 1:
-                raise InputError(
-                    f"--from {path}: it is about several tests; give them all, or --hold the values"
-                )
-            held[f"{base}@{index}" if at else base] = value
+    try:
+        told = _told_effects(_read(path))
+    except (TypeError, KeyError, ValueError, AttributeError) as error:
+        raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
+    for name, value in told.items():
+        base, at, index = name.partition("@")
+        if base not in known:
+            raise InputError(
+                f"--from {path}: {base} is no parameter that a model can be given (an offset "
+                "of every point, say); leave it out and hold the others with --hold"
+            )
+        if at and tests == 1:
+            raise InputError(
+                f"--from {path}: it is about several tests; give them all, or --hold the values"
+            )
+        held[f"{base}@{index}" if at else base] = value
     return held
+
+
+def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
+    """As options name them: what a fit held is told, too."""
+    if _is_gap(content):
+        found, names = content["parameters"]["corrected"], ["E1", "E2", "G12"]
+    else:
+        found = content["parameters"]
+        names = [name for name in found if "." not in name]
+        if content["material"] == "isotropic-EG":
+            names = ["E", "G"]
+    return {name: float(found[name]["value"]) for name in names}
 
 
 def take_found_moduli(args: argparse.Namespace) -> None:
@@ -192,10 +224,19 @@ def take_found_moduli(args: argparse.Namespace) -> None:
         return
     path = Path(args.from_file)
     try:
-        found = _read(path)["parameters"]["corrected"]
-        moduli = {name: float(found[name]["value"]) for name in ("E1", "E2", "G12")}
-    except (KeyError, TypeError, ValueError) as error:
+        moduli = _told_moduli(_read(path))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"--from {path}: it has no moduli ({error!r}); give them") from error
     for name, value in moduli.items():
         if getattr(args, name) is None:
             setattr(args, name, value)
+
+
+def found_law(args: argparse.Namespace) -> str | None:
+    """The law by which --from was found; None without it, or where it does not say."""
+    if args.from_file is None:
+        return None
+    content = _read(Path(args.from_file))
+    told = content.get("report" if _is_gap(content) else "settings")
+    law = told.get("law") if isinstance(told, dict) else None
+    return law if isinstance(law, str) else None

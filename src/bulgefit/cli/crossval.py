@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
@@ -50,27 +49,6 @@ def run(args: argparse.Namespace) -> int:
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
             result = crossval(tests, args.objective, executor=executor, **options)
-        result = {**result, "sources": describe_tests(tests)}
-        _common.deliver(args, result, _table(result), *page_of(args, result, tests))
+        result["sources"] = describe_tests(tests)
+        _common.deliver(args, result, result.report(), *page_of(args, result, tests))
     return 0
-
-
-def _table(result: dict[str, Any]) -> str:
-    names = list(result["folds"][0]["parameters"])
-    lines = [
-        "left out".ljust(28) + "".join(f"{n:>10}" for n in (*names, "training", "e", "e_w", "e_z"))
-    ]
-    for fold in result["folds"]:
-        judged = fold["left_out_objectives"]
-        numbers = (*fold["parameters"].values(), fold["training"]["value"], *judged.values())
-        lines.append(
-            fold["left_out"][:27].ljust(28)
-            + "".join(f"{'-' if v is None else format(v, '.4g'):>10}" for v in numbers)
-        )
-    mean, spread = result["mean"], result["standard_deviation"]
-    lines.append(
-        f"{result['objective']} left out: "
-        + ("not measured" if mean is None else f"mean {mean:.4g} mm")
-        + ("" if spread is None else f", standard deviation {spread:.4g} mm")
-    )
-    return "\n".join(lines)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from bulgefit.cli import _common, _fitting
 from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
@@ -64,24 +63,5 @@ def run(args: argparse.Namespace) -> int:
         take_found_moduli(args)
         material = _common.material_from(args, ratio)
         result = evaluate(tests, material, effects=held_from(args, len(tests)), **options)
-    _common.deliver(args, result, _table(result))
+    _common.deliver(args, result, result.report())
     return 0
-
-
-def _table(result: dict[str, Any]) -> str:
-    keys = ("dx", "dy", "dz", "e", "e_w", "e_z")
-    heads = ("r_dx", "r_dy", "r_dz", "e", "e_w", "e_z")
-    rows = [(test["name"], test) for test in result["tests"]]
-    if len(rows) > 1:
-        rows.append(("mean over tests", result))
-    return "\n".join(
-        [
-            "mm".ljust(28) + "".join(f"{h:>10}" for h in heads),
-            *(name[:27].ljust(28) + "".join(_cell(r.get(k)) for k in keys) for name, r in rows),
-            f"weight of dz in e_w: {result['weight']:.4f}",
-        ]
-    )
-
-
-def _cell(value: float | None) -> str:
-    return f"{'-' if value is None else format(value, '.4f'):>10}"

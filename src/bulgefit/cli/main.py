@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli.completion import SHELLS, Completion, complete, is_asked
 from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
 from bulgefit.cli.stopping import Told, leave, listen
 from bulgefit.cli.streams import drop, prepare, say
@@ -96,9 +97,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _dispatch(words: list[str]) -> int:
-    # every option before the verb is a flag, so the verb is the first word without a dash
-    at = next((i for i, word in enumerate(words) if not word.startswith("-")), len(words))
     top = _top_parser()
+    if is_asked():
+        complete(top, _add_verbs)
+    at = _verb_at(words)
     before = top.parse_args(words[:at])
     if at == len(words):
         top.error(f"which verb? choose from {', '.join(VERBS)}")
@@ -115,6 +117,23 @@ def _dispatch(words: list[str]) -> int:
     status = int(module.run(args))
     save_config(parser, asked)
     return status
+
+
+def _verb_at(words: Sequence[str]) -> int:
+    """The first word without a dash, but that which --completion takes."""
+    taken = {i + 1 for i, word in enumerate(words) if word == "--completion"}
+    return next(
+        (i for i, word in enumerate(words) if i not in taken and not word.startswith("-")),
+        len(words),
+    )
+
+
+def _add_verbs(verbs: Any, chosen: str) -> None:
+    """All by name, and the options of one."""
+    for verb, (home, line) in VERBS.items():
+        parser = verbs.add_parser(verb, help=line)
+        if verb == chosen:
+            _fill(parser, importlib.import_module(home))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -146,7 +165,8 @@ def _top_parser() -> argparse.ArgumentParser:
     table = "\n".join(f"  {verb:<10} {line}" for verb, (_, line) in VERBS.items())
     parser = _Parser(
         prog="bulgefit",
-        usage="bulgefit [--quiet] VERB ...\n       bulgefit --version | --help",
+        usage="bulgefit [--quiet] VERB ...\n"
+        "       bulgefit --version | --help | --completion SHELL",
         description=_DESCRIPTION,
         epilog=_EPILOG.format(verbs=table),
     )
@@ -156,16 +176,29 @@ def _top_parser() -> argparse.ArgumentParser:
         nargs=0,
         help="print what a bug report needs: versions and the platform",
     )
+    parser.add_argument(
+        "--completion",
+        action=Completion,
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print what completes lines of bulgefit in {', '.join(SHELLS)}; bash takes it by "
+        'eval "$(bulgefit --completion bash)"',
+    )
     _add_quiet(parser)
     return parser
 
 
 def _verb_parser(verb: str, module: Any) -> argparse.ArgumentParser:
     parser = _Parser(prog=f"bulgefit {verb}", description=module.HELP)
+    _fill(parser, module)
+    return parser
+
+
+def _fill(parser: argparse.ArgumentParser, module: Any) -> None:
+    """With what a verb takes, and every verb."""
     module.add_arguments(parser)
     add_config_arguments(parser)
     _add_quiet(parser)
-    return parser
 
 
 def _add_quiet(parser: argparse.ArgumentParser) -> None:

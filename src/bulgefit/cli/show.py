@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
-from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
+from bulgefit.cli._model import add_model_arguments, predicted_from
 from bulgefit.cli.tests_in import add_reader_arguments, files_read, tests_from
 from bulgefit.errors import InputError
 
@@ -18,17 +18,16 @@ __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "picture, animation or ParaView files of a test, beside a model"
 
-_MODULI = ("E1", "E2", "G12", "nu12", "E", "nu", "G")
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the verb and its options."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = (
         "Draw the deformed surface of a bulge test in true scale, coloured by any field: a\n"
-        "picture (.png), an animation of the inflation (.gif), or files for ParaView (.pvd with\n"
-        "one .vtu a frame). With a material the model stands beside the measurement in the same\n"
-        "colours, and measured minus modelled, with colours about 0. No display is needed."
+        "picture (.png), an animation of the inflation (.gif, .mp4), or files for ParaView (.pvd\n"
+        "with one .vtu a frame). With a material the model stands beside the measurement in the\n"
+        "same colours, and measured minus modelled, with colours about 0. No display is needed.\n"
+        'An .mp4 needs pip install "bulgefit[movie]".'
     )
     parser.epilog = (
         "examples:\n"
@@ -38,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit show test.npz bulge.pvd --from gap.json"
     )
     parser.add_argument("test", metavar="TEST", help="bulge test: a file, or a folder of frames")
-    parser.add_argument("output", metavar="OUT", help="file to write: .png, .gif or .pvd")
+    parser.add_argument("output", metavar="OUT", help="file to write: .png, .gif, .mp4 or .pvd")
     parser.add_argument(
         "--field",
         default="dz",
@@ -60,8 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="radius of the windows of strain, curvature, tension and stress (default: as bulgefit "
         "measure chooses it)",
     )
-    _common.add_material_arguments(parser, "what the test says")
-    add_effect_arguments(parser)
+    add_model_arguments(parser)
     add_reader_arguments(parser)
     parser.add_argument(
         "--force", action="store_true", help="replace files that exist (default: refuse)"
@@ -71,17 +69,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, model where asked for, and draw."""
     suffix = Path(args.output).suffix.lower()
-    if suffix not in (".png", ".gif", ".pvd"):
-        raise InputError(f"{args.output}: give a name that ends in .png, .gif or .pvd")
+    if suffix not in (".png", ".gif", ".mp4", ".pvd"):
+        raise InputError(f"{args.output}: give a name that ends in .png, .gif, .mp4 or .pvd")
     if args.frame is not None and suffix != ".png":
         raise InputError(f"--frame {args.frame}: is for a .png; a {suffix} holds all frames")
     from bulgefit.files import check_apart, check_output
 
-    check_output(args.output, args.force)
+    if suffix in (".png", ".pvd"):
+        check_output(args.output, args.force)
+    else:
+        from bulgefit.report.films import check_film
+
+        check_film(args.output, args.force)
     check_apart([args.output], files_read([args.test, args.from_file]))
     (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
     common: dict[str, Any] = {"window": args.window, "force": args.force}
-    _draw(args, suffix, test, common | {"prediction": _prediction(args, test)})
+    predicted = predicted_from(args, test)
+    prediction = None if predicted is None else predicted.blocks
+    _draw(args, suffix, test, common | {"prediction": prediction})
     _common.progress(args, f"wrote {args.output}")
     return 0
 
@@ -94,20 +99,7 @@ def _draw(args: argparse.Namespace, suffix: str, test: BulgeTest, common: dict[s
         return
     from bulgefit.report.show import animate, show
 
-    if suffix == ".gif":
-        animate(test, args.output, field=args.field, **common)
-    else:
+    if suffix == ".png":
         show(test, args.output, field=args.field, frame=args.frame, **common)
-
-
-def _prediction(args: argparse.Namespace, test: BulgeTest) -> tuple[Any, ...] | None:
-    """What the model says, where a material or --from is given."""
-    if args.from_file is None and all(getattr(args, name) is None for name in _MODULI):
-        if args.hold:
-            raise InputError("--hold: sets an effect of a model; give a material too")
-        return None
-    from bulgefit.model.predict import predict
-
-    take_found_moduli(args)
-    material = _common.material_from(args, test.poisson_ratio)
-    return predict(test, material, effects=held_from(args)).blocks
+    else:
+        animate(test, args.output, field=args.field, **common)

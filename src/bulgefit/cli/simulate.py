@@ -54,6 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="clamp radius in mm (default: 100, or what the --mesh reaches)",
     )
     group.add_argument(
+        "--semi-axes",
+        type=float,
+        nargs=2,
+        metavar=("A", "B"),
+        help="semi-axes in mm, along x (warp) and y (fill), of an elliptic clamp, in the place of "
+        "its radius",
+    )
+    group.add_argument(
         "--thickness",
         type=float,
         default=_USUAL_THICKNESS,
@@ -90,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     _check_outputs(args, len(pressures))
     take_found_moduli(args)
     material = _common.material_from(args)
-    radius = _positive(args.radius, "--radius", "mm")
+    radius, ellipticity = _clamp(args)
     _positive(args.thickness, "--thickness", "mm")
     if not math.isfinite(args.angle):
         raise InputError(f"--angle {args.angle:g}: give an angle in degrees")
@@ -116,6 +124,7 @@ def run(args: argparse.Namespace) -> int:
         refine=DEFAULT_REFINE if args.refine is None else args.refine,
         correct_mesh=not args.keep_mesh_error,
         radius=radius or _USUAL_RADIUS,
+        ellipticity=ellipticity,
         thickness=args.thickness,
         angle=args.angle,
         effects=held_from(args),
@@ -124,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     _common.deliver(
         args,
         _payload(args, result, pressures),
-        _table(result, pressures),
+        _table(args, result, pressures),
         partial(_write_shapes, args, result),
         partial(_draw, args, result, pressures[-1]),
     )
@@ -202,6 +211,30 @@ def _draw(args: argparse.Namespace, result: Simulation, pressure: float) -> None
     )
 
 
+def _clamp(args: argparse.Namespace) -> tuple[float | None, float]:
+    """Radius (mm) if it is given, and ellipticity."""
+    radius = _positive(args.radius, "--radius", "mm")
+    if args.semi_axes is None:
+        return radius, 0.0
+    for option in ("radius", "mesh"):
+        if getattr(args, option) is not None:
+            raise InputError(f"--semi-axes: does not go with --{option}, which says the clamp, too")
+    for axis in args.semi_axes:
+        _positive(axis, "--semi-axes", "mm")
+    a, b = args.semi_axes
+    return 0.5 * (a + b), (a - b) / (a + b)
+
+
+def _clamp_of(args: argparse.Namespace, result: Simulation) -> dict[str, Any]:
+    """Radius and ellipticity, as a bulge test keeps them."""
+    import numpy as np
+
+    if args.semi_axes is None:
+        return {"radius": np.float64(result.membrane.radius)}
+    a, b = args.semi_axes
+    return {"radius": np.float64(0.5 * (a + b)), "ellipticity": np.float64((a - b) / (a + b))}
+
+
 def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
     import io
 
@@ -218,7 +251,7 @@ def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
         cells=result.mesh.cells,
         reference=result.membrane.reference,
         displacement=result.displacement,
-        radius=np.float64(result.membrane.radius),
+        **_clamp_of(args, result),
         thickness=np.float64(result.membrane.thickness),
         poisson_ratio=np.float64(result.material.constants()["nu12"]),
     )
@@ -243,7 +276,11 @@ def _payload(
         "parameters": _common.named_values(result.material),
         "law": result.membrane.law,
         "relaxation": result.membrane.relaxation,
-        "radius_mm": result.membrane.radius,
+        **(
+            {"radius_mm": result.membrane.radius}
+            if args.semi_axes is None
+            else {"semi_axes_mm": args.semi_axes}
+        ),
         "thickness_mm": result.membrane.thickness,
         "angle_degree": args.angle,
         "mesh": {
@@ -260,7 +297,7 @@ def _payload(
             "mesh_error_taken_off_mm": "mm",
             "mesh_error_mm": "mm",
             "seconds": "s",
-            "radius_mm": "mm",
+            "radius_mm" if args.semi_axes is None else "semi_axes_mm": "mm",
             "thickness_mm": "mm",
             "angle_degree": "degree",
         },
@@ -276,11 +313,14 @@ def _described(result: Simulation) -> str:
     return f"{result.membrane.law}, {', '.join(parts)}"
 
 
-def _table(result: Simulation, pressures: list[float]) -> str:
+def _table(args: argparse.Namespace, result: Simulation, pressures: list[float]) -> str:
     mesh, points = result.mesh, 4 * len(result.mesh.cells)
+    clamp = f"radius {result.membrane.radius:g} mm"
+    if args.semi_axes is not None:
+        clamp = "semi-axes {:g}, {:g} mm".format(*args.semi_axes)
     lines = [
         _described(result),
-        f"{len(mesh.nodes)} nodes, {len(mesh.cells)} cells, radius {result.membrane.radius:g} mm, "
+        f"{len(mesh.nodes)} nodes, {len(mesh.cells)} cells, {clamp}, "
         f"thickness {result.membrane.thickness:g} mm",
         f"{'pressure':>10}  {'apex':>10}  {'wrinkled':>8}",
         f"{'bar':>10}  {'mm':>10}  {'%':>8}",

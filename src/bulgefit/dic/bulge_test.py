@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from bulgefit.dic.check import check, increases
 from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.errors import InputError
 from bulgefit.parallel.parcels import sent_once
+from bulgefit.shown import Shown
 
 __all__ = ["Block", "BulgeTest"]
 
@@ -56,7 +56,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class BulgeTest:
+class BulgeTest(Shown):
     """One measured (or made) bulge inflation test.
 
     A test whose frames share their points is one block; where every frame has points of its own
@@ -246,9 +246,6 @@ class BulgeTest:
             f"{self.n_points} points, {self.n_measured} measured, radius {self.radius:g} mm, "
             f"thickness {self.thickness:g} mm)"
         )
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(repr(self))}</pre>"
 
     def to_dict(self) -> dict[str, Any]:
         """What the test is, without its points, as JSON types."""

@@ -123,6 +123,10 @@ class Effect:
         """Displacements (frames, n, 3) mm as it reports them, of displacements `moved`."""
         return moved
 
+    def see_height(self, own: Own, height: Floats) -> Floats:
+        """Heights (n,) mm before inflation as it reports them, of heights `height`."""
+        return height
+
     def motion(self, own: Own, scene: Scene) -> tuple[Floats, Floats]:
         """Rotation vector (degree) and shift (mm) of the frame, each (frames, 3)."""
         none = np.zeros((len(scene.pressure), 3))

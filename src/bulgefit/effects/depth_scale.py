@@ -35,5 +35,9 @@ class DepthScale(Effect):
         """See the class."""
         return moved if own["scale_z"] == 0.0 else moved * [1.0, 1.0, 1.0 + own["scale_z"]]
 
+    def see_height(self, own: Own, height: Floats) -> Floats:
+        """See the class."""
+        return (1.0 + own["scale_z"]) * height
+
 
 EFFECT = DepthScale()

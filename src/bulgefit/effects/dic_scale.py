@@ -39,5 +39,9 @@ class DicScale(Effect):
         """See the class."""
         return moved if own["scale"] == 0.0 else (1.0 + own["scale"]) * moved
 
+    def see_height(self, own: Own, height: Floats) -> Floats:
+        """See the class."""
+        return (1.0 + own["scale"]) * height
+
 
 EFFECT = DicScale()

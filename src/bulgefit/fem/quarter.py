@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from bulgefit.errors import Cause, SolveError
-from bulgefit.fem.linear import NotPositiveDefiniteError
+from bulgefit.fem.linear import LinearSolver, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path
@@ -58,6 +58,18 @@ class Quarter:
     odd: tuple[Membrane, ...]
     node: NDArray[np.int64]
     sign: Floats
+
+    def alike(self, membrane: Membrane) -> Quarter:
+        """The quarter of another membrane of the same mesh, with the linear solvers of this one."""
+
+        def of_kind(kind: Membrane) -> Membrane:
+            return Membrane(
+                kind.mesh, membrane.thickness, membrane.law, relaxation=membrane.relaxation,
+                fixed=kind.fixed, solver=membrane.forced, fabric=membrane.fabric, like=kind,
+                ties=kind.ties,
+            )  # fmt: skip
+
+        return replace(self, even=of_kind(self.even), odd=tuple(of_kind(k) for k in self.odd))
 
     def whole(self, field: Floats) -> Floats:
         """A field (..., n, 3) of the whole from that of the quarter."""
@@ -141,6 +153,8 @@ def _whole(path: Path, quarter: Quarter, membrane: Membrane, stiffness: Floats) 
 
 
 _KNOWN: WeakKeyDictionary[Membrane, Quarter | None] = WeakKeyDictionary()
+#: Of the first membrane of each mesh: those that share its linear solver are cut as it was.
+_CUT: WeakKeyDictionary[LinearSolver, Quarter | None] = WeakKeyDictionary()
 
 
 def quarter_of(membrane: Membrane) -> Quarter | None:
@@ -148,15 +162,25 @@ def quarter_of(membrane: Membrane) -> Quarter | None:
     try:
         return _KNOWN[membrane]
     except KeyError:
-        found = _KNOWN[membrane] = _make(membrane)
+        found = _KNOWN[membrane] = _quarter_of(membrane)
         return found
 
 
-def _make(membrane: Membrane) -> Quarter | None:
-    fabric, mesh = membrane.fabric, membrane.mesh
+def _quarter_of(membrane: Membrane) -> Quarter | None:
+    fabric = membrane.fabric
     uneven = fabric.surface is not None or fabric.thickness is not None
     if uneven or fabric.compliance is not None or membrane.angle != 0.0 or membrane.ties:
         return None
+    try:
+        first = _CUT[membrane.linear]
+    except KeyError:
+        first = _CUT[membrane.linear] = _cut(membrane)
+        return first
+    return None if first is None else first.alike(membrane)
+
+
+def _cut(membrane: Membrane) -> Quarter | None:
+    fabric, mesh = membrane.fabric, membrane.mesh
     images = _images(mesh)
     if images is None or any((membrane.fixed[i] != membrane.fixed).any() for i in images):
         return None

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from bulgefit.dic.frames import dataframe
 from bulgefit.errors import InputError
 from bulgefit.fitting.result import FitResult
+from bulgefit.shown import Drawn
 
 __all__ = ["SCATTERED", "Batch", "Spread", "batch_of", "spread_of"]
 
@@ -85,7 +87,7 @@ def spread_of(values: Sequence[float], errors: Sequence[float], unit: str) -> Sp
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class Batch(Drawn):
     """Specimens that were fitted one by one.
 
     Attributes
@@ -131,6 +133,21 @@ class Batch:
             cells = [["" if number is None else repr(number), ""] for number in numbers]
             rows.append([of, *(cell for pair in cells for cell in pair)])
         return rows
+
+    def to_dataframe(self) -> Any:
+        """A row a specimen: each parameter with its standard error; needs `bulgefit[pandas]`.
+
+        What a specimen does not tell is NaN.
+        """
+        table = {}
+        for name in self.spreads:
+            found = [_found(fit, name) or (np.nan, np.nan) for fit in self.fits]
+            table[name] = [value for value, _ in found]
+            table[f"{name}_stderr"] = [error for _, error in found]
+        return dataframe(table, index=self.names)
+
+    def __repr__(self) -> str:
+        return self.report()
 
     def report(self) -> str:
         """The table to read."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.result import FitResult
+from bulgefit.shown import Shown
 
 __all__ = ["Bootstrap", "bootstrap"]
 
@@ -35,7 +35,7 @@ _DRAWS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Bootstrap:
+class Bootstrap(Shown):
     """Parameters of the refits.
 
     Attributes
@@ -87,9 +87,6 @@ class Bootstrap:
 
     def __repr__(self) -> str:
         return self.report()
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """The intervals to read."""

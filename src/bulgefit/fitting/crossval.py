@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import corrected_at_start, polished
 from bulgefit.fitting.minimise import Descent
@@ -34,7 +35,7 @@ def crossval(
     executor: Executor | None = None,
     workers: int = 1,
     **changes: Any,
-) -> dict[str, Any]:
+) -> CrossValidation:
     """Leave-one-test-out cross-validation, as JSON types.
 
     The starts of all folds are one heap of work for the executor.
@@ -48,9 +49,10 @@ def crossval(
 
     Returns
     -------
-    dict
-        "folds": per test left out, the parameters, those at a bound, the training value and every
-        objective of the test left out (mm); "mean": their mean and standard deviation over folds.
+    CrossValidation
+        A dict that has tables and a figure. "folds": per test left out, the parameters, those at
+        a bound, the training value and every objective of the test left out (mm); "mean": their
+        mean and standard deviation over folds.
 
     Raises
     ------
@@ -118,6 +120,7 @@ def _fold(
         last = polished(problem, problem.coordinates(best.values), options).best
     material = problem.material(problem.coordinates(last.values))
     shared = problem.effects(problem.coordinates(last.values))
+    judged: Mapping[str, Any]
     try:
         judged = evaluate(
             left_out,
@@ -141,16 +144,18 @@ def _fold(
     }
 
 
-def _summary(objective: str, folds: list[dict[str, Any]]) -> dict[str, Any]:
+def _summary(objective: str, folds: list[dict[str, Any]]) -> CrossValidation:
     judged = OBJECTIVES[0] if objective == LIKELIHOOD else objective
     scores = [fold["left_out_objectives"][judged] for fold in folds]
     seen = [s for s in scores if s is not None]
-    return {
-        "format": FORMAT,
-        "objective": objective,
-        "judged_by": judged,
-        "unit": "mm",
-        "folds": folds,
-        "mean": float(np.mean(seen)) if seen else None,
-        "standard_deviation": float(np.std(seen, ddof=1)) if len(seen) > 1 else None,
-    }
+    return CrossValidation(
+        {
+            "format": FORMAT,
+            "objective": objective,
+            "judged_by": judged,
+            "unit": "mm",
+            "folds": folds,
+            "mean": float(np.mean(seen)) if seen else None,
+            "standard_deviation": float(np.std(seen, ddof=1)) if len(seen) > 1 else None,
+        }
+    )

@@ -8,6 +8,7 @@ from typing import Any
 
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import SolveError
+from bulgefit.fitting.answers import Evaluation
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
 from bulgefit.fitting.result import FORMAT, describe_tests, versions
 from bulgefit.model.inflation import Shapes
@@ -26,7 +27,7 @@ def evaluate(
     weight: float | Sequence[float] | None = None,
     average: str = "points",
     setup: Setup | None = None,
-) -> dict[str, Any]:
+) -> Evaluation:
     """Every objective of a material on the tests, as JSON types (mm).
 
     Parameters
@@ -47,8 +48,10 @@ def evaluate(
     made = as_material(material, objective.tests[0].poisson_ratio)
     with one_blas_thread():
         parts = objective.parts(_shapes(objective, made, as_effects(effects)))
-    payload = {"parameters": dict(made.values), **_payload(objective, parts)}
-    return {**payload, "effects": dict(effects)} if effects else payload
+    answer = Evaluation({"parameters": dict(made.values), **_payload(objective, parts)})
+    if effects:
+        answer["effects"] = dict(effects)
+    return answer
 
 
 def _shapes(objective: Objective, material: Material, effects: Mapping[str, float]) -> list[Shapes]:
@@ -76,10 +79,10 @@ def evaluate_resting(
     weight: float | Sequence[float] | None = None,
     average: str = "points",
     setup: Setup | None = None,
-) -> dict[str, Any]:
+) -> Evaluation:
     """Every objective of a model that does not deform (the study's Table 5), mm."""
     objective = _objective(tests, weight, average, setup)
-    return _payload(objective, objective.parts(None))
+    return Evaluation(_payload(objective, objective.parts(None)))
 
 
 def cross_table(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from html import escape
 from importlib.metadata import version
 from typing import Any
 
@@ -22,6 +21,7 @@ from bulgefit.fitting.quality import Quality
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import Material
 from bulgefit.model.setup import Setup
+from bulgefit.shown import Drawn
 
 __all__ = ["FORMAT", "FitResult", "Stability", "bounded", "describe_tests", "versions"]
 
@@ -55,7 +55,7 @@ class Stability:
 
 
 @dataclass(frozen=True, eq=False)
-class FitResult:
+class FitResult(Drawn):
     """The best of several descents, and all of them.
 
     Attributes
@@ -205,9 +205,6 @@ class FitResult:
 
     def __repr__(self) -> str:
         return self.report()
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """The result to read."""

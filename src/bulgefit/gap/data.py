@@ -117,6 +117,12 @@ class Data:
         specimen.correction = self.specimen.correction
         return replace(self, specimen=specimen)
 
+    @property
+    def heights(self) -> Floats | None:
+        """Heights (points,) mm before inflation, as measured; None where they were not kept."""
+        height = self.specimen.reference[:, 2]
+        return height if height.any() else None
+
     def residual(self, prediction: Prediction) -> Floats:
         """(measured - modelled) over noise and doubt, 0 where unused: (frames, points, 3)."""
         difference = (self.specimen.measured - prediction.displacement) * self.weight

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.frames import dataframe
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.dic.suspicions import alarms
 from bulgefit.effects.parameter import Key
@@ -45,6 +46,7 @@ from bulgefit.gap.residual.measure import Gap, fitted_gap, held_out_gap, noise_g
 from bulgefit.gap.scatter import Scatter, modulus_errors, of_the_cloth, scatter_of
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
+from bulgefit.shown import Drawn
 
 __all__ = ["Cause", "Diagnosis", "Verdict", "diagnose"]
 
@@ -113,7 +115,7 @@ class Cause:
 
 
 @dataclass(eq=False)
-class Diagnosis:
+class Diagnosis(Drawn):
     """What a diagnosis found; `to_dict` is its JSON.
 
     Attributes
@@ -161,6 +163,20 @@ class Diagnosis:
         names = ", ".join(test.name for test in self.tests)
         causes = "; ".join(f"{c.effect} {c.probability:.3g}" for c in self.causes) or "no causes"
         return f"Diagnosis of {names}: {self.verdict} ({causes})"
+
+    def to_dataframe(self) -> Any:
+        """A row a parameter: the moduli with the causes, and each cause's own.
+
+        Names are as a fit has them, `effect.parameter@i` of test i; `probability` is that of the
+        cause. Needs `bulgefit[pandas]`.
+        """
+        rows = {name: {**found, "probability": None} for name, found in
+                _moduli(self.explanation.final).items()}  # fmt: skip
+        for cause in self.causes:
+            for name, found in cause.parameters.items():
+                rows[f"{cause.effect}.{name}"] = {**found, "probability": cause.probability}
+        columns = ("value", "stderr", "unit", "probability")
+        return dataframe({c: [row[c] for row in rows.values()] for c in columns}, index=list(rows))
 
     def to_dict(self) -> dict[str, Any]:
         """The diagnosis as JSON types."""

@@ -28,7 +28,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import temper
+from bulgefit.gap.evidence.temper import determined, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -115,8 +115,7 @@ def explain(
     weighing = Weighing(whole, coordinates, search.problem.offsets)
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    free = len(fit.here.columns)
-    tempered = temper(whole, final.predictions, free)
+    tempered = temper(whole, final.predictions, determined(fit, layout))
     left = max(tempered / search.problem.tempered, 1.0)
     chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
@@ -283,8 +282,9 @@ class _Trial:
         """
         if len(self.search.best.model) > 2:
             self.ways.from_below()
-            self.ways.from_below(fields=True)
         self.search.improved(self.search.best)
+        self.ways.from_fields()
+        self.search.closely()
 
     def anew(self, data: Sequence[Data]) -> _Trial:
         """The best model alone, by data in other units."""
@@ -299,15 +299,15 @@ class _Trial:
 
         Where the largest model leaves more than noise, that is more than any group can take away:
         it stands in every model's residual, along the directions that groups have. Beside it as
-        noise (`temper`) groups are judged by what they take off beyond that. Roughly: what is told
-        of such a model is no finer.
+        noise (`temper`) groups are judged by what they take off beyond that.
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = temper(self.data, self.regression.predictions, len(best.here.columns))
+            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
+        search.closely()
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
 

@@ -7,26 +7,20 @@ plane that fits the points best, since how the frame lay to the clamp is not kno
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.registry import effect_named
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import names_of
 from bulgefit.gap.regress import Regression
-from bulgefit.model.camera import place
-from bulgefit.model.description import active_effects
 
 __all__ = ["ImpliedReference", "implied_references"]
 
 Floats = NDArray[np.float64]
-
-#: Heights are linear in what makes them: any step does for their differences.
-_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,12 +56,7 @@ def implied_references(data: Sequence[Data], final: Regression) -> list[ImpliedR
 def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
     names, places = names_of(final.keys, index)
     shapes = final.predictions[index].shapes
-    height = _heights(d, shapes.values)
-    slopes = np.zeros((len(names), len(height)))
-    for row, name in zip(slopes, names, strict=True):
-        if _raises(name):
-            moved = {**shapes.values, name: shapes.values.get(name, 0.0) + _STEP}
-            row += (_heights(d, moved) - height) / _STEP
+    height, slopes = d.specimen.heights(shapes.values, names)
     seen, variance = d.used[..., 2].any(axis=0), np.zeros(len(height))
     offset = final.offsets[index]
     if offset is not None:
@@ -90,23 +79,6 @@ def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
         stderr,
         float(np.sqrt((above**2).mean())),
     )
-
-
-def _raises(name: str) -> bool:
-    """Whether a parameter has a part in the heights."""
-    effect, dot, _ = name.partition(".")
-    return bool(dot) and effect_named(effect).uses("height", "at_rest")
-
-
-def _heights(d: Data, values: Mapping[str, float]) -> Floats:
-    """z0 and what the reference image shows beyond it, (n,) mm."""
-    specimen, radius = d.specimen, d.specimen.test.radius
-    active = active_effects(values, specimen.nulls())
-    at = place(specimen.reference, radius, active).unit
-    height = np.zeros(len(at))
-    for effect, own in active:
-        height += effect.height(own, at) + effect.at_rest(own, specimen.reference, radius)[:, 2]
-    return height
 
 
 def _over_plane(points: Floats) -> tuple[Floats, int]:

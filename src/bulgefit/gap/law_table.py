@@ -162,8 +162,9 @@ def _largest_strain(d: Data, prediction: Prediction) -> Floats:
     values = {"nu12": specimen.test.poisson_ratio, **shapes.values}
     active = active_effects(values, specimen.nulls())
     here = describe(
-        specimen.mesh, specimen.test.radius, specimen.recorded, specimen.time, values, active
-    )
+        specimen.mesh, specimen.test.radius, specimen.recorded, specimen.time, values, active,
+        stretch=specimen.test.stretch,
+    )  # fmt: skip
     flat = np.column_stack([specimen.mesh.nodes, np.zeros(len(specimen.mesh.nodes))])
     rest = flat if here.fabric.surface is None else here.fabric.surface
     surface = ReferenceSurface.of(rest, specimen.mesh.cells, here.angle)

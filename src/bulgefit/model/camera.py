@@ -22,7 +22,7 @@ from bulgefit.effects.places import MOTION, Scene
 from bulgefit.effects.registry import acting
 from bulgefit.model.description import Active
 
-__all__ = ["Passage", "Places", "place", "scene_of", "window_of"]
+__all__ = ["Passage", "Places", "heights_seen", "place", "scene_of", "window_of"]
 
 Floats = NDArray[np.float64]
 #: What takes changes (..., frames, n, 3) mm to others.
@@ -82,6 +82,19 @@ def place(
 def window_of(active: Active) -> float:
     """Square (mm²) of the radius of the window over which displacements are averaged."""
     return float(sum(effect.window(own) for effect, own in active))
+
+
+def heights_seen(reference: Floats, places: Places, radius: float, active: Active) -> Floats:
+    """Heights (n,) mm of points before inflation as the cameras report them.
+
+    What the fabric's shape and the reference image have together, but for the plane that a
+    report's heights are counted from.
+    """
+    out = np.zeros(len(reference))
+    for effect, own in active:
+        out = effect.see_height(own, out + effect.height(own, places.unit))
+        out = out + effect.at_rest(own, reference, radius)[:, 2]
+    return out
 
 
 def scene_of(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.errors import InputError
 from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
@@ -15,6 +17,7 @@ from bulgefit.model.parameters import Material, as_effects, as_material
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.shown import Drawn
 
 __all__ = ["Predicted", "predict"]
 
@@ -22,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class Predicted(Drawn):
     """Displacements as the cameras would report them.
 
     Attributes
@@ -34,15 +37,43 @@ class Predicted:
         taken off or not known.
     stable : (frames,) bool array
         Whether the balanced shapes are stable.
+    test : BulgeTest
+        At whose points and pressures.
     """
 
     blocks: tuple[Floats, ...]
     mesh_error: Floats | None
     stable: NDArray[np.bool_]
+    test: BulgeTest
 
     def __repr__(self) -> str:
         shapes = ", ".join(str(block.shape) for block in self.blocks)
         return f"Predicted(blocks of {shapes}; {int(self.stable.sum())} stable frames)"
+
+    def as_test(self) -> BulgeTest:
+        """The test as the model has it: nothing where nothing was measured.
+
+        So what is told of a measurement is told of its model: `bulgefit.measure(p.as_test())`.
+        """
+        blocks = tuple(
+            replace(own, displacement=np.where(np.isfinite(own.displacement), modelled, np.nan))
+            for own, modelled in zip(self.test.blocks, self.blocks, strict=True)
+        )
+        return replace(self.test, blocks=blocks, static_displacement=None, source="", checksum="")
+
+    def to_dataframe(self) -> Any:
+        """A row a measured point and frame: measured, and `model_dx_mm` and so on beside it.
+
+        Needs `bulgefit[pandas]`.
+        """
+        rows = []
+        for frame in range(self.test.n_frames):
+            for own, modelled in zip(self.test.blocks, self.blocks, strict=True):
+                at = own.frames == frame
+                rows.append(modelled[at][own.measured[at]])
+        columns = np.concatenate(rows).T
+        names = (f"model_{name}_mm" for name in ("dx", "dy", "dz"))
+        return self.test.to_dataframe().assign(**dict(zip(names, columns, strict=True)))
 
     @property
     def displacement(self) -> Floats:
@@ -90,4 +121,4 @@ def predict(
             virtual.observe(shapes, block=i).displacement for i in range(len(test.blocks))
         )
     error = None if left is None else np.sqrt((left**2).mean(axis=(0, 1)))
-    return Predicted(blocks, error, shapes.stable)
+    return Predicted(blocks, error, shapes.stable, test)

@@ -24,7 +24,7 @@ from bulgefit.effects.places import Load, Scene
 from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import Mesh
-from bulgefit.model.camera import Passage, Places, place, scene_of, window_of
+from bulgefit.model.camera import Passage, Places, heights_seen, place, scene_of, window_of
 from bulgefit.model.description import (
     CONSTANTS,
     Active,
@@ -48,6 +48,8 @@ Floats = NDArray[np.float64]
 _WINDOW_STEP = 4.0
 #: Sets of operators at the points that are kept: points that move make new ones.
 _KEPT = 8
+#: Hooks that move points over the fabric.
+_PLACING = ("locate", "centre", "outline")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,8 @@ class VirtualTest:
         )
         straight = here.fabric.is_straight
         straight = straight or not any(name in CONSTANTS for name in changes)
-        if here.is_plain and constant and same and straight:
+        along = self.setup.interpolation != "none"
+        if along and here.is_plain and constant and same and straight:
             return self.inflation.along_path(here, given, changes)
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
@@ -194,6 +197,10 @@ class VirtualTest:
             self.mesh, test.radius, self.recorded, self.time, values, active,
             slips=slips, stretch=test.stretch,
         )  # fmt: skip
+
+    def description(self, values: Values) -> Description:
+        """The specimen in its clamp under its load."""
+        return self._describe({"nu12": self.test.poisson_ratio, **values}, slips=False)
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
@@ -257,6 +264,29 @@ class VirtualTest:
         """As `observe`, with derivatives that are worked out when they are asked for."""
         return Sight(self, shapes, names, block, points)
 
+    def heights(
+        self, values: Values, names: Sequence[str] = (), block: int = 0
+    ) -> tuple[Floats, Floats]:
+        """Heights (n,) mm before inflation as the cameras report them, but for a plane.
+
+        Also their derivatives (names, n): by values.
+        """
+        reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
+        nulls, radius = self.nulls(), self.test.radius
+        places = self.place(reference, active_effects(values, nulls))
+
+        def seen(name: str, value: float) -> Floats:
+            active = active_effects({**values, name: value}, nulls)
+            at = self.place(reference, active) if _uses(name, *_PLACING) else places
+            return heights_seen(reference, at, radius, active)
+
+        out = np.zeros((len(names), len(reference)))
+        for row, name in zip(out, names, strict=True):
+            if _uses(name, "height", "see_height", "at_rest", *_PLACING):
+                low, high = self.span(name, values)
+                row += (seen(name, high) - seen(name, low)) / (high - low)
+        return heights_seen(reference, places, radius, active_effects(values, nulls)), out
+
     def operators_at(
         self, values: Values, active: Active, block: int, *, gradients: bool
     ) -> tuple[Operators, Places]:
@@ -317,7 +347,7 @@ class Sight:
         measured = virtual.test.blocks[block]
         self.frames = measured.frames
         self.reference = np.asarray(measured.reference, dtype=np.float64)[some]
-        self.moves = [n for n in names if self._uses(n, "locate", "centre", "outline")]
+        self.moves = [n for n in names if _uses(n, *_PLACING)]
         self.active = active_effects(shapes.values, virtual.nulls())
         made, places = virtual.operators_at(
             shapes.values, self.active, block, gradients=bool(self.moves)
@@ -331,9 +361,6 @@ class Sight:
         self.scene = self._scene(shapes.values, self.active, self.places)
         self.passage = Passage(self.scene, self.active, self.moved)
         self.displacement = self.passage.reported()
-
-    def _uses(self, name: str, *hooks: str) -> bool:
-        return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
 
     def _scene(self, values: Values, active: Active, places: Places) -> Scene:
         applied = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)[self.frames]
@@ -389,7 +416,7 @@ class Sight:
     def _is_of_nodes(self, name: str) -> bool:
         """Whether what is reported changes as the nodes do, and by nothing else."""
         hooks = ("see", "motion", "locate", "centre", "outline", "height", "load", "window")
-        return name in self.shapes.derivative and self._is_plain and not self._uses(name, *hooks)
+        return name in self.shapes.derivative and self._is_plain and not _uses(name, *hooks)
 
     @property
     def _is_plain(self) -> bool:
@@ -401,7 +428,7 @@ class Sight:
         change = self._of_fabric(name)
         if change is not None:
             row += self.passage.through()(change)
-        if self._uses(name, "see", "motion", "locate", "outline", "height", "load"):
+        if _uses(name, "see", "motion", "locate", "outline", "height", "load"):
             row += self._of_camera(name)
 
     def _of_fabric(self, name: str) -> Floats | None:
@@ -411,7 +438,7 @@ class Sight:
             out = self.operators(_of_frames(self.shapes.derivative[name], self.frames))
         if name in self.moves:
             out = _sum(out, self._of_motion(name))
-        if self._uses(name, "window"):
+        if _uses(name, "window"):
             out = _sum(out, self._of_window())
         return out
 
@@ -452,15 +479,15 @@ class Sight:
     def _of_camera(self, name: str) -> Floats:
         """Change of what is reported at a fixed displacement of the fabric."""
         elsewhere = ("locate", "centre", "outline", "height", "load")
-        if not self._uses(name, "motion", *elsewhere):
+        if not _uses(name, "motion", *elsewhere):
             return self._of_report(name)
         ends, span = self._ends(name)
-        if not self.scene.turn.any() and not self._uses(name, "see", "motion", "locate"):
+        if not self.scene.turn.any() and not _uses(name, "see", "motion", "locate"):
             depends = any(e.uses("see", "motion") for e, _ in self.active)
             if not depends:
                 return np.zeros(1)
         scenes = [self._scene(values, active, places) for values, active, places in ends]
-        if not self._uses(name, "see", *elsewhere):
+        if not _uses(name, "see", *elsewhere):
             return self.passage.of_motion(*scenes) / span
         below, above = (
             Passage(scene, active, self.moved).reported()
@@ -500,6 +527,11 @@ def virtual_tests(
 def _clamped(test: BulgeTest) -> tuple[float, ...]:
     """What tests have in common whose plain specimens balance alike."""
     return test.radius, test.ellipticity, test.thickness
+
+
+def _uses(name: str, *hooks: str) -> bool:
+    """Whether a parameter is of an effect that has any of these hooks."""
+    return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
 
 
 def _of_fabric(name: str) -> bool:

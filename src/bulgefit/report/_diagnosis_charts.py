@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import Any
 
 from bulgefit.gap.diagnosis import Diagnosis
@@ -16,15 +16,17 @@ __all__ = ["plot_budget", "plot_cosines"]
 _BLUE, _ORANGE, _GREEN, _VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 
 
-def plot_cosines(diagnosis: Diagnosis, path: Path, *, force: bool) -> bool:
-    """The largest cosine between the signatures of each two effects; False for fewer than two."""
+def plot_cosines(
+    diagnosis: Diagnosis, path: str | os.PathLike[str] | None = None, *, force: bool = False
+) -> Any:
+    """The largest cosine between the signatures of each two effects; None for fewer than two."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
     names, cosine = cosine_matrix(diagnosis.explanation.known)
     count = len(names)
     if count < 2:
-        return False
+        return None
     side = 0.55 * max(count, 6) + 2.6
     figure = Figure(figsize=(side + 0.8, side), layout="constrained")
     panel = figure.subplots()
@@ -53,11 +55,12 @@ def plot_cosines(diagnosis: Diagnosis, path: Path, *, force: bool) -> bool:
         f"How alike are the effects in this data?\nFramed: {ALIKE:g} and more; bold: in the model",
         fontsize=_figure.FONT + 1,
     )
-    _figure.save(figure, path, force)
-    return True
+    return _figure.finished(figure, path, force)
 
 
-def plot_budget(record: Record, path: Path, *, force: bool) -> None:
+def plot_budget(
+    record: Record, path: str | os.PathLike[str] | None = None, *, force: bool = False
+) -> Any:
     """The budget as a waterfall: from the moduli alone over each effect down to the noise."""
     from matplotlib.figure import Figure
 
@@ -78,7 +81,7 @@ def plot_budget(record: Record, path: Path, *, force: bool) -> None:
         f"{', '.join(names_of(record))}: budget of the gap",
         fontsize=_figure.FONT + 2,
     )
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 def _draw_budget(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +30,13 @@ PRESSURES, SIGNATURE_PRESSURES, MOST_EFFECTS = 4, 2, 4
 
 
 def plot_component(
-    diagnosis: Diagnosis, index: int, component: int, path: Path, *, force: bool
-) -> None:
+    diagnosis: Diagnosis,
+    index: int,
+    component: int,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    force: bool = False,
+) -> Any:
     """Maps of one component: measured, modelled, and residuals before and after, by pressure."""
     from matplotlib.figure import Figure
 
@@ -77,7 +83,7 @@ def plot_component(
         f"{data.specimen.test.name}: {name}; colours of every column are its own",
         fontsize=_figure.FONT + 2,
     )
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 def _span(component: int, *fields: np.ndarray) -> tuple[float, float, str]:
@@ -88,16 +94,22 @@ def _span(component: int, *fields: np.ndarray) -> tuple[float, float, str]:
     return float(values.min()), float(values.max()), "cividis"
 
 
-def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool) -> bool:
+def plot_signatures(
+    diagnosis: Diagnosis,
+    index: int,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    force: bool = False,
+) -> Any:
     """Maps of what each leading effect adds to the model, beside the residual it found.
 
-    False where there is none.
+    None where there is none.
     """
     from matplotlib.figure import Figure
 
     steps = diagnosis.explanation.steps[:MOST_EFFECTS]
     if not steps:
-        return False
+        return None
     data = data_of(diagnosis)[index]
     frames = frames_of(data, SIGNATURE_PRESSURES)
     width = 3 * len(frames)
@@ -124,5 +136,4 @@ def plot_signatures(diagnosis: Diagnosis, index: int, path: Path, *, force: bool
                     panel.set_title(head + rms(field[k]), fontsize=_figure.FONT - 1)
             colour_bar(block, drawn, row, f"{COMPONENTS[component]} (mm)", pad=0.01, aspect=15)
         outer_ticks(panels, data.specimen.test.radius)
-    _figure.save(figure, path, force)
-    return True
+    return _figure.finished(figure, path, force)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,14 @@ from bulgefit.report.record import SIGNIFICANT
 __all__ = ["plot_modes", "plot_where"]
 
 
-def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, force: bool) -> None:
+def plot_where(
+    diagnosis: Diagnosis,
+    index: int,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    after: bool,
+    force: bool = False,
+) -> Any:
     """The map of the gap: component times region times pressure band, with significance."""
     from matplotlib.figure import Figure
 
@@ -59,7 +66,7 @@ def plot_where(diagnosis: Diagnosis, index: int, path: Path, *, after: bool, for
         "x to the right, y upwards; hatched: no points",
         fontsize=_figure.FONT + 1,
     )
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 def _limit(cells: list[Cell]) -> float:
@@ -119,7 +126,13 @@ def _short(value: float) -> str:
     return "0" if text in ("0.0", "-0.0") else text
 
 
-def plot_modes(diagnosis: Diagnosis, index: int, path: Path, *, force: bool) -> None:
+def plot_modes(
+    diagnosis: Diagnosis,
+    index: int,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    force: bool = False,
+) -> Any:
     """Azimuthal modes of the residual against pressure, before and after, with growth laws."""
     from matplotlib.figure import Figure
 
@@ -143,7 +156,7 @@ def plot_modes(diagnosis: Diagnosis, index: int, path: Path, *, force: bool) -> 
         "standard errors of zero",
         fontsize=_figure.FONT + 1,
     )
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 def _only(diagnosis: Diagnosis, index: int, *, final: bool) -> Any:

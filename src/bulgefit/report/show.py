@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -16,6 +15,7 @@ from bulgefit.errors import InputError
 from bulgefit.files import atomic_write_bytes, check_output
 from bulgefit.report import _figure, _off_screen
 from bulgefit.report.cloud import RESIDUALS, Cloud, is_signed
+from bulgefit.report.films import check_film, write_film
 
 __all__ = ["animate", "show"]
 
@@ -26,8 +26,6 @@ Prediction = Sequence[NDArray[np.floating]]
 _WIDTH, _HEIGHT = 720, 640
 #: Share of values within which colours of what is derived end: strays must not pale all others.
 _SHARE = 98.0
-#: Milliseconds a picture of an animation is seen, and the last one.
-_EACH, _LAST = 120, 1200
 _SIGNED, _PLAIN = "PuOr_r", "viridis"
 
 
@@ -79,7 +77,8 @@ def show(
         The machine has no OpenGL to draw with.
     """
     if path is not None:
-        check_suffix(path, ".png")
+        if not os.fspath(path).lower().endswith(".png"):
+            raise InputError(f"{path}: give a name that ends in .png")
         check_output(path, force)
     test = given_test(test)
     cloud = _cloud(test, prediction, window)
@@ -102,22 +101,21 @@ def animate(
     label: str = "model",
     force: bool = False,
 ) -> None:
-    """Draw the inflation as a GIF: all frames in the order of pressure, in the same colours.
+    """Draw the inflation as a film: all frames in the order of pressure, in the same colours.
 
     Parameters
     ----------
     test, field, prediction, window, label, force
         As of `show`.
     path : path
-        A .gif.
+        A .gif, or an .mp4, which needs `bulgefit[movie]`.
 
     Raises
     ------
     InputError, BulgefitError
         As of `show`.
     """
-    check_suffix(path, ".gif")
-    check_output(path, force)
+    check_film(path, force)
     test = given_test(test)
     cloud = _cloud(test, prediction, window)
     cloud.check_field(field)
@@ -125,13 +123,7 @@ def animate(
     order = [i for i in order if len(cloud.part(i)[0])]
     ranges = _ranges(cloud, order, field)
     images = [_draw(cloud, i, field, label, ranges) for i in order]
-    atomic_write_bytes(path, _gif(images), force)
-
-
-def check_suffix(path: str | os.PathLike[str], suffix: str) -> None:
-    """Refuse a file of another kind."""
-    if not os.fspath(path).lower().endswith(suffix):
-        raise InputError(f"{path}: give a name that ends in {suffix}")
+    write_film(images, path, force)
 
 
 def _cloud(test: BulgeTest, prediction: Prediction | None, window: float | None) -> Cloud:
@@ -227,19 +219,3 @@ def _add(
     plotter.camera_position = [(1.0, -1.7, 1.3), (0, 0, 0), (0, 0, 1)]
     plotter.reset_camera(bounds=(*box[:4], -0.6 * radius, 0.6 * radius))
     plotter.camera.zoom(1.08)
-
-
-def _gif(images: Sequence[NDArray[np.uint8]]) -> bytes:
-    from PIL import Image
-
-    # one palette for all pictures, so that nothing flickers
-    some = np.concatenate([image[::3, ::3] for image in images])
-    palette = Image.fromarray(some).quantize(256)
-    frames = [Image.fromarray(image).quantize(palette=palette) for image in images]
-    durations = [_EACH] * (len(frames) - 1) + [_LAST]
-    buffer = io.BytesIO()
-    frames[0].save(
-        buffer, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0,
-        optimize=False,
-    )  # fmt: skip
-    return buffer.getvalue()

@@ -19,7 +19,9 @@ def check_plot(path: str | os.PathLike[str], force: bool = False) -> None:
     _figure.figure_target(path, force)
 
 
-def plot_spreads(batch: Batch, path: str | os.PathLike[str], *, force: bool = False) -> None:
+def plot_spreads(
+    batch: Batch, path: str | os.PathLike[str] | None = None, *, force: bool = False
+) -> Any:
     """Draw each free parameter of all specimens.
 
     Bars are 95 % intervals, the line is the mean over specimens, the band one standard deviation
@@ -28,28 +30,30 @@ def plot_spreads(batch: Batch, path: str | os.PathLike[str], *, force: bool = Fa
     Parameters
     ----------
     batch : Batch
-    path : path
-        A .png, .pdf or .svg.
+    path : path, optional
+        A .png, .pdf or .svg; by default nothing is written.
     force : bool
         Whether a file that exists may be replaced.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     InputError
         The file cannot be written.
     """
-    from matplotlib.figure import Figure
-
-    _figure.figure_target(path, force)
     count = len(batch.spreads)
-    height = 1.5 + 0.3 * len(batch.fits)
-    figure = Figure(figsize=(1.5 + 3.5 * count, height), layout="constrained")
-    panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
+    size = (1.5 + 3.5 * count, 1.5 + 0.3 * len(batch.fits))
+    figure, (panels,) = _figure.panels(path, force, size, 1, count)
     for panel, name in zip(panels, batch.spreads, strict=True):
         _draw(panel, batch, name)
+    for panel in panels:
+        panel.set_ylim(len(batch.fits) - 0.5, -0.5)
+        panel.set_yticks(range(len(batch.fits)), [])
     panels[0].set_yticks(range(len(batch.fits)), batch.names)
-    panels[0].invert_yaxis()
-    _figure.save(figure, path, force)
+    return _figure.finished(figure, path, force)
 
 
 def _draw(panel: Any, batch: Batch, name: str) -> None:

@@ -19,6 +19,7 @@ from bulgefit.dic.surface.rings import Rings, rings_of
 from bulgefit.dic.surface.tables import Table, tables_of
 from bulgefit.dic.surface.windows import fewest_points
 from bulgefit.errors import InputError
+from bulgefit.shown import Drawn
 
 __all__ = ["Measured", "chosen_window", "measure", "noise_in_windows"]
 
@@ -34,7 +35,7 @@ _EDGE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(Drawn):
     """Strain, curvature, tension and stress as measured, with their noise.
 
     Attributes
@@ -219,7 +220,7 @@ def _measured_points(test: BulgeTest) -> Floats:
 def _places(test: BulgeTest, window: float) -> Floats:
     """A square grid over the measured points' convex hull, off its edge."""
     points = _measured_points(test)
-    count = int(test.radius / (_APART * window))
+    count = int(test.semi_axes.max() / (_APART * window))
     ticks = _APART * window * np.arange(-count, count + 1)
     grid = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
     return grid[_inside(grid, points, _EDGE * window)]

@@ -40,7 +40,8 @@ class Fit:
     here : Linearised
         By the model's coordinates, where the descent ended.
     score : float
-        -2 ln Z by Laplace's approximation there.
+        -2 ln Z by Laplace's approximation there; of a descent that did not converge, as if where it
+        ended were the most probable.
     covariance : (p, p) array
         Of the model's coordinates.
     converged : bool
@@ -105,7 +106,7 @@ def descend(
         is below that by less than its standard deviation is no nearer to it. Forecasts see to the
         bottom from there. So it is where the trust region lets no step gain as much.
     share : float
-        Stop where a step gains less than this share of the misfit.
+        Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
     to_noise : bool
         Stop where gains fall, and the steps that are left would not lead down to the noise if each
         gained as much as the last.
@@ -146,13 +147,15 @@ def descend(
                 converged = True
                 break
             above = value - gained - noise
-            if gained < share * value or (
+            if gained < share * above or (
                 to_noise and gained < last and gained * (steps - taken) < above
             ):
                 break
             last = gained
     found = laplace(here, layout, columns, problem.inflation)
-    return Fit(model, here.light(), found.score, found.covariance, converged, taken)
+    # where a step that was not taken would lead is no evidence
+    score = found.score if converged else found.score + found.ahead
+    return Fit(model, here.light(), score, found.covariance, converged, taken)
 
 
 def _misfit(problem: Problem, here: Linearised) -> float:

@@ -35,6 +35,8 @@ class Laplace:
     ----------
     score : float
         -2 ln Z.
+    ahead : float
+        Part of it that the linear step takes off.
     x : (n,) array
         All coordinates at the optimum; those out of the model at their null.
     covariance : (p, p) array
@@ -42,6 +44,7 @@ class Laplace:
     """
 
     score: float
+    ahead: float
     x: Floats
     covariance: Floats
 
@@ -85,7 +88,7 @@ def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float
         score += 2.0 * (prior - inside)
     x = np.array(layout.null)
     x[columns] = here.x[columns] + bounded_optimum(slope, matrix, lower - here.x[columns])
-    return Laplace(float(score), x, covariance)
+    return Laplace(float(score), float(slope @ step), x, covariance)
 
 
 def bounded_optimum(slope: Floats, matrix: Floats, lower: Floats) -> Floats:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinate
 from bulgefit.gap.evidence.descend import Fit
+from bulgefit.gap.evidence.heights import height_rows, off_planes, plane_rows
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import offsets_of_points
+from bulgefit.gap.keys import by_value, names_of, offsets_of_points
 from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, offsets_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
@@ -35,14 +39,16 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     free = () if weighing.offsets is None else offsets_of_points(len(weighing.data))
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
-    prior = _prior(chosen, fit.x[columns], weighing.inflation)
+    known = _prior(chosen, fit.x[columns], weighing.inflation)
+    if not free:
+        known += _heights(weighing.data, predictions, keys)
     offsets = [
         _offset(d, p) if free else None for d, p in zip(weighing.data, predictions, strict=True)
     ]
     return Regression(
         (*keys, *free),
         values,
-        _with(normal, prior),
+        _with(normal, known),
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
         weighing.inflation,
@@ -74,11 +80,27 @@ def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:
     return matrix
 
 
-def _with(normal: NormalEquations, prior: Floats) -> NormalEquations:
-    """Normal equations with the priors known whatever is held out."""
+def _heights(
+    data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[Key]
+) -> Floats:
+    """[J r]ᵀ[J r] of heights before inflation; offsets of the points would take up most of them."""
+    matrix = np.zeros((len(keys) + 1, len(keys) + 1))
+    for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
+        if d.heights is not None:
+            names, places = names_of(keys, index)
+            values = p.shapes.values
+            rows = off_planes(height_rows(d, values, names), plane_rows(d))
+            rows *= np.append([by_value(name, values) for name in names], 1.0)[:, None]
+            here = np.ix_([*places, len(keys)], [*places, len(keys)])
+            matrix[here] += rows @ rows.T
+    return matrix
+
+
+def _with(normal: NormalEquations, known: Floats) -> NormalEquations:
+    """Normal equations with priors, and heights, that are known whatever is held out."""
     return NormalEquations(
-        Quadratic(normal.whole.matrix + prior),
-        tuple(Quadratic(q.matrix + prior) for q in normal.kept),
+        Quadratic(normal.whole.matrix + known),
+        tuple(Quadratic(q.matrix + known) for q in normal.kept),
         normal.held,
         normal.count,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -32,6 +33,9 @@ LEAST_SHARE = 1e-3
 #: Models of a generation beyond which they are not looked around in: with sixty groups and more
 #: that would take tens of thousands of forecasts.
 MOST_ALIKE = 300
+#: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
+#: when that takes off many times as much.
+_GROWN = 0.01
 
 
 @dataclass(eq=False)
@@ -50,6 +54,8 @@ class Search(Generic[Kind]):
         Every model that was fitted, at its best.
     roughly : bool
         Fit no closer than others may start from.
+    share : float
+        End fits where a step gains less than this share of the misfit beyond the noise.
     """
 
     problem: Kind
@@ -58,6 +64,7 @@ class Search(Generic[Kind]):
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
+    share: float = 0.0
 
     @property
     def best(self) -> Fit:
@@ -87,6 +94,7 @@ class Search(Generic[Kind]):
                     start,
                     near,
                     roughly=roughly or self.roughly,
+                    share=self.share,
                     to_noise=to_noise,
                 )
             )
@@ -121,6 +129,22 @@ class Search(Generic[Kind]):
                 break
             fit = better
         return fit
+
+    def closely(self) -> None:
+        """The best model as near as can be, and what raises the evidence from there.
+
+        Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that
+        are at their nulls at the bottom of a bent one may look needed.
+        """
+        close = replace(self, roughly=False)
+        settled = set[Model]()
+        while (best := self.best).model not in settled:
+            settled.add(best.model)
+            found = kept(partial(descend, self.problem, self.layout, best.model, best.x,
+                                 best.here.near))  # fmt: skip
+            self.fits[best.model] = found
+            if self.best is found:
+                close.improved(found)
 
     def scores(self, temper: float) -> dict[Model, float]:
         """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
@@ -287,24 +311,19 @@ class Ways(Generic[Kind]):
         if found is not None and hopeful():
             named.improved(found)
 
-    def from_below(self, *, fields: bool = False) -> None:
-        """Groups are added to the smallest model, fewer than the best one has.
+    def from_below(self) -> None:
+        """Groups, but no fields, are added to the smallest model, fewer than the best one has.
 
         With as many, what began with the wrong one would only gather others about it.
-
-        Parameters
-        ----------
-        fields : bool
-            Fields among them: several effects may stand for one.
 
         Raises
         ------
         SolveError
             Nothing balances at the start, and no model was fitted.
         """
-        named = self.search if fields else self._named
+        named = self._named
         fewer = len(named.best.model) - 1 if named.fits else None
-        rough = replace(named, roughly=fewer is not None)
+        rough = named if fewer is None else replace(named, roughly=True, share=_GROWN)
         small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
             rough.improved(small, fewer)
@@ -312,6 +331,21 @@ class Ways(Generic[Kind]):
             # the same solve once more: its error says where and why nothing balances
             none = named.layout.columns(freeze({}))
             named.problem.linearise(self.start, none, self.near)
+
+    def from_fields(self) -> None:
+        """Groups are added to each field of the best model alone, fewer than that one has.
+
+        Several effects may stand for what is a field's; beside it they are no worse than before,
+        and far from where they can be let go.
+        """
+        best = self.search.best
+        origin = self.start if self.origin is None else self.origin
+        rough = replace(self.search, roughly=True, share=_GROWN)
+        for name, form in sorted(best.model):
+            if name in self.fields and len(best.model) > 1:
+                alone = rough.fit(freeze({name: form}), origin)
+                if alone is not None:
+                    rough.improved(alone, len(best.model) - 1)
 
     def with_fields(self, *, thorough: bool = False) -> Fit | None:
         """Everything is freed from the origin; if that is a trap, with the fields freed last.

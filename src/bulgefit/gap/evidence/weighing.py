@@ -14,6 +14,13 @@ from bulgefit.errors import SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.heights import (
+    height_rows,
+    off_planes,
+    plane_rows,
+    shown,
+    with_heights,
+)
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Prediction
@@ -58,7 +65,7 @@ class Weighing:
     @property
     def count(self) -> int:
         """Values that are compared."""
-        return sum(int(d.used.sum()) for d in self.data)
+        return sum(int(np.count_nonzero(shown(d))) for d in self.data)
 
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
@@ -109,7 +116,8 @@ class Weighing:
             # with derivatives by the moduli a path is the one that derivatives are then taken of
             moduli = [c for c in own if not self.coordinates.every[c].key.effect]
             found = self._stable(x, moduli, index, near)
-            (residual,) = self._whitened(index, d.residual(found)[None])
+            still = replace(found, derivative=found.derivative[:0])
+            (residual,) = self._whitened(index, self._rows(d, still, x, []))
             gradient[np.searchsorted(here.columns, own)] += rows @ residual
             square += float(residual @ residual)
             # the next point is found from this one the sooner by derivatives from near it
@@ -140,35 +148,47 @@ class Weighing:
     def _whitened(self, index: int, rows: Floats) -> Floats:
         """Rows (k, frames, points, 3) with products as offsets and the mesh's error leave them.
 
-        (k, values).
+        And, where heights were measured, the plane that they are counted from; (k, values).
         """
         d = self.data[index]
-        mesh = None if d.mesh is None else np.where(d.used, d.mesh, 0.0) * d.weight
-        if self.offsets is not None:
-            shown, share = d.share[:, None, None] * d.used, _of_offsets(d, self.offsets[index])
-            rows = _without(rows, shown, share)
-            mesh = None if mesh is None else _without(mesh[None], shown, share)[0]
-        flat = rows.reshape(len(rows), -1)
-        return flat if mesh is None else _beside_mesh(flat, mesh.ravel(), d.inflation)
+
+        def flat(rows: Floats) -> Floats:
+            if self.offsets is not None:
+                rows = _without(rows, shown(d), _of_offsets(d, self.offsets[index]))
+            return rows.reshape(len(rows), -1)
+
+        own, nothing = flat(rows), np.zeros((1, d.used.shape[1]))
+        mesh = None
+        if d.mesh is not None:
+            error = (np.where(d.used, d.mesh, 0.0) * d.weight)[None]
+            mesh = flat(with_heights(d, error, nothing))
+        if d.heights is not None:
+            planes = flat(with_heights(d, np.zeros((3, *d.used.shape)), plane_rows(d)))
+            own = off_planes(own, planes)
+            mesh = None if mesh is None else off_planes(mesh, planes)
+        return own if mesh is None else _beside_mesh(own, mesh[0], d.inflation)
 
     def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
         """Derivatives by coordinates and the residual, in noise units.
 
-        (columns + 1, frames, points, 3).
+        (columns + 1, frames, points, 3), with a frame more for heights before inflation.
         """
-        weight = d.weight
-        rows = np.empty((len(columns) + 1, *weight.shape))
-        for row, c, derivative in zip(rows[:-1], columns, found.derivative, strict=True):
-            coordinate = self.coordinates.every[c]
-            slope = coordinate.parameter.slope(coordinate.value(x[c]))
-            np.multiply(derivative, slope * weight, out=row)
-        rows[-1] = d.residual(found)
+        weight, chosen = d.weight, [self.coordinates.every[c] for c in columns]
+        slopes = [k.parameter.slope(k.value(x[c])) for k, c in zip(chosen, columns, strict=True)]
+        frames, *rest = weight.shape
+        rows = np.zeros((len(columns) + 1, frames + (d.heights is not None), *rest))
+        for row, slope, derivative in zip(rows[:-1], slopes, found.derivative, strict=True):
+            np.multiply(derivative, slope * weight, out=row[:frames])
+        rows[-1, :frames] = d.residual(found)
+        if d.heights is not None:
+            heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
+            rows[:, -1, :, 2] = heights * np.append(slopes, 1.0)[:, None]
         return rows
 
 
 def _frames_that_count(d: Data) -> Floats:
     """Of each point's components (points, 3)."""
-    return np.tensordot(d.share**2, d.used, 1)
+    return np.asarray((shown(d) ** 2).sum(axis=0))
 
 
 def _of_offsets(d: Data, prior: Floats) -> Floats:
@@ -189,7 +209,7 @@ def _without(rows: Floats, shown: Floats, share: Floats) -> Floats:
 
 
 def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
-    """Rows (k, values) where what is left of the mesh's error is noise of one more direction.
+    """Rows (k, values), changed, where what is left of the mesh's error is noise in a direction.
 
     It is known in its pattern m, (values,), and in its size to about itself. With noise of
     covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950), which is the
@@ -199,7 +219,9 @@ def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
     if size == 0.0:
         return rows
     share = (1.0 - np.sqrt(inflation / (inflation + size))) / size
-    return np.asarray(rows - np.outer(share * (rows @ mesh), mesh))
+    for row in rows:  # one by one: all at once would be as much memory again, twice
+        row -= share * float(row @ mesh) * mesh
+    return rows
 
 
 def _loses_stability(before: Shapes, after: Shapes) -> bool:

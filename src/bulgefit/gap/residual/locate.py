@@ -68,14 +68,18 @@ class Mode:
 
 
 def azimuthal_modes(data: Sequence[Data], fit: Regression) -> list[Mode]:
-    """Modes m = 0..4 of the residual (measured minus modelled) of every test."""
+    """Modes m = 0..4 of the residual (measured minus modelled) of every test.
+
+    Of an elliptic clamp, by ring and angle where it is a circle.
+    """
     modes = []
     for d, p in zip(data, fit.predictions, strict=True):
         residual = np.where(d.used, d.specimen.measured - p.displacement, np.nan)
-        x, y = d.specimen.reference[:, 0], d.specimen.reference[:, 1]
+        x, y = d.specimen.test.on_circle(d.specimen.reference).T
         radius, angle = np.hypot(x, y), np.arctan2(y, x)
         ring = (radius > 0.3 * d.specimen.test.radius) & (radius < 0.9 * d.specimen.test.radius)
-        cos, sin = np.cos(angle), np.sin(angle)
+        outwards = np.arctan2(*d.specimen.reference[:, 1::-1].T)
+        cos, sin = np.cos(outwards), np.sin(outwards)
         components = (
             residual[..., 0] * cos + residual[..., 1] * sin,
             -residual[..., 0] * sin + residual[..., 1] * cos,

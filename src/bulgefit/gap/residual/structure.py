@@ -174,7 +174,7 @@ def _smooth(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]
 def cells_of(data: Data, residual: Floats) -> list[Cell]:
     """Means of a residual in noise units (frames, points, 3; NaN unused) over all cells."""
     specimen = data.specimen
-    x, y = specimen.reference[:, 0], specimen.reference[:, 1]
+    x, y = specimen.test.on_circle(specimen.reference).T
     radius = np.hypot(x, y) / specimen.test.radius
     sector = (np.round(np.arctan2(y, x) * SECTORS / (2 * np.pi)).astype(int)) % SECTORS
     order = np.argsort(np.argsort(specimen.recorded))

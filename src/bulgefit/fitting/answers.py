@@ -1,0 +1,89 @@
+"""How do an evaluation and a cross-validation read? Their JSON, which knows its tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bulgefit.dic.frames import dataframe
+from bulgefit.fitting.objective import OBJECTIVES
+from bulgefit.shown import Drawn, Shown
+
+__all__ = ["CrossValidation", "Evaluation"]
+
+#: Of a test, and what they are called.
+_PARTS = {"dx": "r_dx", "dy": "r_dy", "dz": "r_dz", **{name: name for name in OBJECTIVES}}
+
+
+class Evaluation(Shown, dict[str, Any]):
+    """Objectives of given parameters, as JSON types; see `bulgefit.evaluate`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same without its tables."""
+        return dict(self)
+
+    def to_dataframe(self) -> Any:
+        """A row a test, mm; needs `bulgefit[pandas]`."""
+        tests = self["tests"]
+        table = {shown: [test[key] for test in tests] for key, shown in _PARTS.items()}
+        return dataframe(table, index=[test["name"] for test in tests])
+
+    def __repr__(self) -> str:
+        return self.report()
+
+    def report(self) -> str:
+        """The table to read."""
+        rows = [(test["name"], test) for test in self["tests"]]
+        if len(rows) > 1:
+            rows.append(("mean over tests", self))
+        lines = ["mm".ljust(28) + "".join(f"{shown:>10}" for shown in _PARTS.values())]
+        for name, row in rows:
+            cells = "".join(_cell(row.get(key), ".4f") for key in _PARTS)
+            lines.append(name[:27].ljust(28) + cells)
+        return "\n".join([*lines, f"weight of dz in e_w: {self['weight']:.4f}"])
+
+
+class CrossValidation(Drawn, dict[str, Any]):
+    """Folds of a cross-validation, as JSON types; see `bulgefit.crossval`."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same without its tables."""
+        return dict(self)
+
+    def to_dataframe(self) -> Any:
+        """A row a fold, named by the test left out; needs `bulgefit[pandas]`.
+
+        Columns are the parameters (MPa, and as `effects` has them), `training` (the fit's
+        objective) and the objectives of the test left out (mm).
+        """
+        return dataframe(self._columns(), index=[fold["left_out"] for fold in self["folds"]])
+
+    def __repr__(self) -> str:
+        return self.report()
+
+    def report(self) -> str:
+        """The table to read."""
+        columns = self._columns()
+        lines = ["left out".ljust(28) + "".join(f"{name:>10}" for name in columns)]
+        for fold, row in zip(self["folds"], zip(*columns.values(), strict=True), strict=True):
+            cells = "".join(_cell(number, ".4g") for number in row)
+            lines.append(fold["left_out"][:27].ljust(28) + cells)
+        mean, spread = self["mean"], self["standard_deviation"]
+        lines.append(
+            f"{self['objective']} left out: "
+            + ("not measured" if mean is None else f"mean {mean:.4g} mm")
+            + ("" if spread is None else f", standard deviation {spread:.4g} mm")
+        )
+        return "\n".join(lines)
+
+    def _columns(self) -> dict[str, list[float | None]]:
+        """Of the table, in the order of the folds."""
+        folds = self["folds"]
+        return {
+            **{n: [fold["parameters"][n] for fold in folds] for n in folds[0]["parameters"]},
+            "training": [fold["training"]["value"] for fold in folds],
+            **{n: [fold["left_out_objectives"][n] for fold in folds] for n in OBJECTIVES},
+        }
+
+
+def _cell(value: float | None, digits: str) -> str:
+    return f"{'-' if value is None else format(value, digits):>10}"

@@ -1,0 +1,54 @@
+"""How does a result show itself, in a notebook and by a picture that is made floors above it?
+
+Figures are drawn in `report`, which knows every result; a result knows no figure. So the package's
+roof says who draws, and a result passes itself on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+__all__ = ["Drawn", "Shown", "drawn_by"]
+
+#: Who draws results; the roof hangs it here.
+_drawer: list[Callable[..., Any]] = []
+
+
+def drawn_by(drawer: Callable[..., Any]) -> None:
+    """Let results be drawn by `drawer(result, kind, **how)`."""
+    _drawer[:] = [drawer]
+
+
+class Shown:
+    """What a notebook shows as it shows on a terminal."""
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+
+class Drawn(Shown):
+    """What has figures, too."""
+
+    def plot(self, kind: str | None = None, **how: Any) -> Any:
+        """Draw one of the figures that this result has.
+
+        Parameters
+        ----------
+        kind : str, optional
+            Which; `bulgefit.plot` tells the kinds of each result and which is the first.
+        **how
+            As `bulgefit.plot` takes it, such as `path`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        InputError
+            It has no such figure, or the file cannot be written.
+        """
+        (drawer,) = _drawer
+        return drawer(self, kind, **how)

@@ -1,0 +1,152 @@
+"""Does every result draw itself, by what it knows, and refuse in a line what it has not?"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import bulgefit
+from bulgefit.errors import InputError
+from bulgefit.fitting.answers import CrossValidation
+from bulgefit.shown import Drawn
+
+MODULI = {"E1": 330.0, "E2": 230.0, "G12": 40.0}
+OBJECTIVES = {"e": 0.1, "e_w": 0.03, "e_z": None}
+
+
+@pytest.fixture(scope="module")
+def folds():
+    """Three folds, as a cross-validation tells them."""
+    return CrossValidation(
+        objective="e_w", judged_by="e_w", unit="mm", mean=0.03, standard_deviation=0.001,
+        folds=[
+            {
+                "left_out": f"<{i}>", "parameters": {"E1": 300.0 + i, "nu12": 0.24},
+                "at_bound": [], "training": {"objective": "e_w", "value": 0.02},
+                "left_out_objectives": {**OBJECTIVES, "e_w": 0.03 + 0.001 * i},
+            }
+            for i in range(3)
+        ],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def predicted(plate):
+    return bulgefit.predict(plate, MODULI)
+
+
+@pytest.fixture(scope="module")
+def measured(plate):
+    return bulgefit.measure(plate, window=30.0)
+
+
+#: Kinds of each fixture's result, and what they need.
+KINDS = {
+    "fit_found": ("parameters",),
+    "folds": ("folds",),
+    "predicted": ("profiles", "residuals"),
+    "measured": ("apex", "rings", "fields"),
+    "found": ("budget", "cosines", "where", "modes", "signatures", "dx", "dy", "dz"),
+}
+
+
+@pytest.mark.parametrize("of", KINDS)
+def test_each_kind_is_a_figure_of_its_own(of, request, tmp_path):
+    result = request.getfixturevalue(of)
+    assert isinstance(result, Drawn)
+    files = set()
+    for kind in KINDS[of]:
+        path = tmp_path / f"{kind}.png"
+        figure = result.plot(kind, path=path)
+        assert isinstance(figure, Figure)
+        files.add(path.read_bytes())
+    assert len(files) == len(KINDS[of])
+    first = result.plot(path=tmp_path / "first.png")
+    assert isinstance(first, Figure)
+    assert (tmp_path / "first.png").read_bytes() == (tmp_path / f"{KINDS[of][0]}.png").read_bytes()
+    with pytest.raises(InputError, match=r"exists; use --force"):
+        result.plot(path=tmp_path / "first.png")
+    result.plot(path=tmp_path / "first.png", force=True)
+    with pytest.raises(InputError, match=f"choose from {', '.join(KINDS[of])}"):
+        result.plot("pie")
+    with pytest.raises(InputError, match="takes no colour, but path, force"):
+        bulgefit.plot(result, colour="red")
+
+
+def test_a_fit_beside_a_test(fit_found, plain):
+    figure = fit_found.plot("profiles", test=plain)
+    assert "e_w fit (lines)" in figure.get_suptitle()
+    seen = bulgefit.predict(plain, fit_found.material, setup=fit_found.setup)
+    for ours, theirs in zip(figure.axes, seen.plot("profiles").axes, strict=True):
+        for a, b in zip(ours.lines, theirs.lines, strict=True):
+            np.testing.assert_array_equal(a.get_ydata(), b.get_ydata())
+    with pytest.raises(InputError, match="give the one that is to be drawn"):
+        fit_found.plot("residuals")
+
+
+def test_folds_stand_where_their_numbers_are(folds):
+    first, second, last = folds.plot().axes
+    dots, line = first.lines
+    assert dots.get_xdata().tolist() == [300.0, 301.0, 302.0]
+    assert line.get_xdata()[0] == 301.0
+    assert [t.get_text() for t in first.get_yticklabels()] == [f"without <{i}>" for i in range(3)]
+    assert second.get_xlabel() == "nu12"
+    values = [float(v) for line in last.lines for v in line.get_xdata()]
+    assert values == pytest.approx([0.02, 0.03, 0.02, 0.031, 0.02, 0.032])
+    # a likelihood is no length
+    likely = CrossValidation(folds, objective="likelihood")
+    values = [float(v) for line in likely.plot().axes[-1].lines for v in line.get_xdata()]
+    assert values == pytest.approx([0.03, 0.031, 0.032])
+
+
+def test_what_is_of_a_test(found):
+    before, after = (found.plot("where", after=a).get_suptitle() for a in (False, True))
+    assert "moduli alone" in before
+    assert "with rigid_motion" in after
+    with pytest.raises(InputError, match="no test 1; give 0 to 0"):
+        found.plot("dz", test=1)
+
+
+@pytest.mark.parametrize("thing", [None, 3, {"E1": 1}, "fit"])
+def test_what_has_no_figure(thing):
+    with pytest.raises(InputError, match="is no result that has figures"):
+        bulgefit.plot(thing)
+
+
+def test_tables(folds, predicted, plate, found):
+    pytest.importorskip("pandas")
+    table = folds.to_dataframe()
+    assert table.E1.tolist() == [300.0, 301.0, 302.0]
+    assert table.loc["<2>", "e_w"] == pytest.approx(0.032)
+    beside = predicted.to_dataframe()
+    left = plate.blocks[0].displacement - predicted.displacement
+    ours = beside.dz_mm - beside.model_dz_mm
+    np.testing.assert_array_equal(ours, left[np.isfinite(left).all(axis=2)][:, 2])
+    causes = found.to_dataframe()
+    assert causes.loc["E1", "value"] == found.to_dict()["parameters"]["corrected"]["E1"]["value"]
+    (cause,) = found.causes
+    assert causes.loc["rigid_motion.shift_x", "probability"] == cause.probability
+    shift = cause.parameters["shift_x"]
+    assert causes.loc["rigid_motion.shift_x", "stderr"] == shift["stderr"]
+    evaluation = bulgefit.evaluate(plate, MODULI)
+    assert evaluation.to_dataframe().loc["plate 1/a", "r_dz"] == evaluation["tests"][0]["dz"]
+
+
+def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate):
+    batch = bulgefit.batch_of([fit_found])
+    for result in (folds, fit_found, batch, bulgefit.evaluate(plate, MODULI)):
+        assert len(repr(result).splitlines()) < 30
+        assert max(len(line) for line in repr(result).splitlines()) < 140
+        assert result._repr_html_().startswith("<pre>")
+    assert "&lt;1&gt;" in folds._repr_html_()
+    assert "0.031" in repr(folds)
+    assert f"{fit_found.material.values['E1']:.5g}" in repr(batch)
+
+
+def test_they_are_json_still(folds, plate):
+    assert json.loads(json.dumps(folds)) == folds == folds.to_dict()
+    evaluation = bulgefit.evaluate(plate, MODULI)
+    assert json.loads(json.dumps(evaluation)) == evaluation
