@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,13 @@ def test_tables_for_pandas_and_xarray(test):
     assert array.attrs["units"] == "mm"
     seen = array.sel(frame=1, component="dz").to_numpy()
     np.testing.assert_array_equal(seen, test.blocks[0].displacement[1, :, 2])
+
+
+def test_the_page_of_what_is_public_has_all_of_it():
+    page = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\.\. auto\w+:: bulgefit\.(\w+)$", page, flags=re.MULTILINE)
+    assert sorted(told) == sorted(bulgefit.__all__)
+    assert all(getattr(bulgefit, name).__doc__ for name in told)
 
 
 def test_missing_extras_are_named(test, monkeypatch):

@@ -15,6 +15,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest, read_test
 from bulgefit.errors import BulgefitError, InputError, SolveError
+from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.mesh import disc
 from bulgefit.model.predict import predict
 from bulgefit.model.setup import Setup
@@ -181,6 +182,25 @@ def test_shapes_are_what_predict_sees_at_the_nodes(effects):
     here = made.displacement - path  # what was taken off the mesh's error, and the path's
     assert np.abs(here).max() == pytest.approx(made.mesh_error_taken_off, abs=1e-3)
     assert np.abs(made.path(0.2) - path[1]).max() == 0.0
+
+
+@pytest.mark.parametrize(("g12", "stable"), [(30.0, [True, True]), (5.0, [True, False])])
+def test_shapes_balance_the_whole_membrane(g12, stable):
+    """Though a quarter of it is balanced, and under soft shear one that odd shapes would leave."""
+    moduli = {"E1": 330.0, "E2": 200.0, "G12": g12, "nu12": 0.24}
+    made = simulate(moduli, [0.1, 0.3], refine=3, correct_mesh=False)
+    stiffness = made.description.stiffness
+    definite = []
+    for shape, pressure in zip(made.displacement, made.pressure, strict=True):
+        state = made.membrane.state(shape, pressure, stiffness)
+        assert np.abs(state.residual).max() < 1e-6  # N, of some 10 at a node
+        try:
+            made.membrane.factorise(state)
+            definite.append(True)
+        except NotPositiveDefiniteError:
+            definite.append(False)
+    assert definite == stable
+    assert made.stable == all(stable)
 
 
 def test_a_rim_that_rises():

@@ -208,8 +208,9 @@ class BulgeTest(Shown):
             Reference and displacement of each frame; points without a position or without any
             measured component are dropped.
         pressure : (frames,) array_like, MPa
-        name, radius, thickness, poisson_ratio, time, source, checksum, history, ellipticity,
-        crop, mends
+        name, radius, thickness, poisson_ratio, time
+            As in `from_arrays`.
+        source, checksum, history, ellipticity, crop, mends
             As in `from_arrays`.
 
         Raises

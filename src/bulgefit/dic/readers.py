@@ -62,7 +62,7 @@ def read_test(
     Parameters
     ----------
     path : path or sequence of paths
-        A file, a folder of one file a frame, a pattern such as "frames/*.csv", or a list of files.
+        A file, a folder of one file a frame, a pattern such as `frames/*.csv`, or a list of files.
     format : str, optional
         One of `READERS`, as `bulgefit formats` lists them; by default it is seen from the files.
     radius, thickness : float, mm, optional

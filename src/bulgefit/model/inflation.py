@@ -21,7 +21,7 @@ from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
-from bulgefit.fem.quarter import trace_by_quarter
+from bulgefit.fem.quarter import Quarter, quarter_of, trace_by_quarter
 from bulgefit.model.description import CONSTANTS, Description
 from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.parallel.threads import side_by_side
@@ -34,6 +34,8 @@ Floats = NDArray[np.float64]
 LIGHT_PRESSURE = 1e-4
 #: Frames with pressure are balanced at this (MPa) or more; one without shows the fabric at rest.
 LEAST_PRESSURE = 1e-6
+#: Share of the radius by which rounding sets mirror images apart.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,11 +261,18 @@ class Inflation:
             rim = self.mesh.rim
             guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
         forces = _Forces(self, membrane, given, changes)
+        alike = not changes and given.edge is None
+        quarter = self._mirrored(membrane, guesses) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
             if rest[frame]:
                 still = np.zeros_like(guesses[frame])
                 return still, True, 0, 0, np.zeros((len(changes), *still.shape))
+            if quarter is not None:
+                found = _by_quarter(
+                    membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
+                )
+                return *found, np.zeros((0, *guesses[frame].shape))
             own = membrane if given.edge is None else membrane.pulled_at(given.edge[frame, :, :2])
             balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
             fields = forces.fields(balance, frame)
@@ -283,6 +292,19 @@ class Inflation:
             np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
             factorisations=work + sum(spent),
         )
+
+    def _mirrored(self, membrane: Membrane, guesses: Floats) -> Quarter | None:
+        """The quarter that guesses (frames, n, 3) are the images of, where nothing is interpolated.
+
+        They are where a path of the quarter led to them.
+        """
+        if self.setup.interpolation != "none":
+            return None
+        quarter = quarter_of(membrane)
+        if quarter is None:
+            return None
+        apart = float(np.abs(quarter.whole(guesses[:, quarter.kept]) - guesses).max())
+        return quarter if apart <= _ROUNDING * self.radius else None
 
     def _guesses(
         self,
@@ -450,6 +472,23 @@ def _faded(mesh: Mesh) -> Floats:
     out = np.zeros((len(rim), len(mesh.nodes)))
     out[nearest, np.arange(len(mesh.nodes))] = radius**4
     return out
+
+
+def _by_quarter(
+    membrane: Membrane,
+    quarter: Quarter,
+    guess: Floats,
+    pressure: float,
+    stiffness: Floats,
+    values: dict[str, float],
+) -> tuple[Floats, bool, int, int]:
+    """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
+    balance = _solved(quarter.even, guess[quarter.kept], pressure, stiffness, values)
+    stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
+    whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
+    if wrinkled:
+        wrinkled = membrane.state(whole, float(pressure), stiffness, tangent=False).wrinkled
+    return whole, stable, wrinkled, balance.factorisations + len(quarter.odd)
 
 
 def _solved(

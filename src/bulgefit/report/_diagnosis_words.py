@@ -42,7 +42,7 @@ def table(record: Record) -> str:
     lines = [line for alarm in alarms_of(record) for line in _wrapped(alarm, "WARNING: ")]
     lines += [f"verdict: {record['verdict']}", *_wrapped(verdict_words(record))]
     for cause in record["causes"]:
-        lines += ["", f"{_with_rivals(cause)}: {cause['meaning']}"]
+        lines += ["", f"{_with_rivals(record, cause)}: {cause['meaning']}"]
         rows = list(_parameters(record, cause))
         width = max(len(name) for name, _ in rows)
         lines += [f"  {name:<{width}}  {text}" for name, text in rows]
@@ -99,11 +99,13 @@ def _cause_blocks(record: Record) -> list[Block]:
         return [Block("text", ("No effect that has a name is sure.",))] if _unnamed(record) else []
     rows = [("cause", "parameter", "value ± standard error")]
     for cause in causes:
-        label = _with_rivals(cause)
+        label = _with_rivals(record, cause)
         for name, text in _parameters(record, cause):
             rows.append((label, name, text))
             label = ""
-    told = tuple(f"**{c['effect']}**: {c['meaning']}. {_evidence(c)}" for c in causes)
+    told = tuple(
+        f"**{c['effect']}{_whose(record, c)}**: {c['meaning']}. {_evidence(c)}" for c in causes
+    )
     return [Block("table", rows=tuple(rows)), Block("list", told)]
 
 
@@ -179,7 +181,7 @@ def _wrapped(text: str, start: str = "  ") -> list[str]:
 def verdict_words(record: Record) -> str:
     """The verdict in a sentence."""
     causes, verdict = record["causes"], record["verdict"]
-    named = listed([_called(c) for c in causes])
+    named = listed([_called(record, c) for c in causes])
     if verdict == Verdict.NONE:
         return "The model with its moduli alone is good to the noise; nothing need be added."
     if verdict == Verdict.NAMED:
@@ -191,7 +193,7 @@ def verdict_words(record: Record) -> str:
         )
     left = _left(record)
     if verdict == Verdict.PARTIAL:
-        sure = listed([_called(c) for c in causes if c["probability"] >= SURE])
+        sure = listed([_called(record, c) for c in causes if c["probability"] >= SURE])
         return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
     return f"No effect that has a name explains the gap: {left}{helps}."
@@ -262,15 +264,22 @@ def _helps(causes: Sequence[Any]) -> str:
     return "helps" if len(causes) == 1 else "help"
 
 
-def _with_rivals(cause: Mapping[str, Any]) -> str:
-    return str(cause["effect"]) + "".join(f" or {a}" for a in cause["alternatives"])
+def _whose(record: Record, cause: Mapping[str, Any]) -> str:
+    """Of which test, where each of several has causes of its own."""
+    owner = cause["specimen"]
+    return "" if owner is None else f" of {names_of(record)[owner]}"
 
 
-def _called(cause: Mapping[str, Any]) -> str:
+def _with_rivals(record: Record, cause: Mapping[str, Any]) -> str:
+    return " or ".join((cause["effect"], *cause["alternatives"])) + _whose(record, cause)
+
+
+def _called(record: Record, cause: Mapping[str, Any]) -> str:
     """A cause in a sentence."""
+    whose = _whose(record, cause)
     if cause["alternatives"]:
-        return f"one of {listed([cause['effect'], *cause['alternatives']], 'or')}"
-    return f"{cause['effect']} ({cause['meaning']})"
+        return f"one of {listed([cause['effect'], *cause['alternatives']], 'or')}{whose}"
+    return f"{cause['effect']}{whose} ({cause['meaning']})"
 
 
 def _parameters(record: Record, cause: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

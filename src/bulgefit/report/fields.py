@@ -25,7 +25,7 @@ def plot_fields(
     title: str = "",
     force: bool = False,
 ) -> None:
-    """Draw the deformed surface coloured by dz, and |dx| and |dy| seen from above.
+    """Draw the deformed surface coloured by dz, and the sizes of dx and dy from above.
 
     Parameters
     ----------
