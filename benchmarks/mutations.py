@@ -308,7 +308,7 @@ def table(results: dict[str, str]) -> str:
         if (caught := results.get(_key(mutant))) is not None:
             by = f"`{caught.rpartition('/')[2]}`" if caught else "**nothing**"
             lines.append(f"| `{mutant.file}` | `{mutant.old}` | `{mutant.new}` | {by} |")
-    return "\n".join(lines).replace(" | nothing", " | ")
+    return "\n".join(lines)
 
 
 def _key(mutant: Mutant) -> str:
