@@ -195,7 +195,7 @@ def paths(name: str, mesh: Mesh, repeats: int) -> list[str]:
         f"## One path, 0.001 to 3 bar, 200 levels ({name} mesh)",
         "",
         "*Quarter*: as fits and `simulate` trace it, the membrane being alike in both mirrors; "
-        "*whole*: as where it is not, or not stable. The error is the dense output's against the "
+        "*whole*: as where it is not. The error is the dense output's against the "
         "balanced shape of the whole membrane, the largest of all nodes and of all 200 levels "
         "(wanted: 1e-3). The ms are those of one factorisation of the whole tangent. The limit is "
         "the whole path's factorisations alone, each by the fastest way (wanted: 1.5 of it).",

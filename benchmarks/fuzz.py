@@ -1,6 +1,6 @@
 """Damage good files at random and read them: how often, how long, and with how much memory?
 
-    python benchmarks/fuzz.py [COUNT] [--seed N] [--formats npz,hdf5,npy,pickle,csv]
+    python benchmarks/fuzz.py [COUNT] [--seed N] [--formats npz,hdf5,npy,pickle,csv,mat,matchid]
 
 Every input must be read or refused with one line, within 5 s of processor time and four times the
 file and 200 MB, running no code and opening nothing but itself. Inputs are read in child processes
@@ -24,6 +24,7 @@ import traceback
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ BATCH = 1000
 SECONDS, BYTES = 5.0, 200_000_000
 # A process that waits takes no processor time; other work on the machine may slow it tenfold.
 LONGEST = 60.0
-FORMATS = ("npz", "hdf5", "npy", "pickle", "csv")
+FORMATS = ("npz", "hdf5", "npy", "pickle", "csv", "mat", "matchid")
 # What Python tells of code that runs; files are looked at one by one.
 CODE = ("os.system", "os.exec", "os.spawn", "os.posix_spawn", "socket.connect")
 SOURCE = str(Path(__file__).resolve().parents[1])
@@ -69,6 +70,34 @@ def _write_hdf5(path: Path, arrays: dict[str, object]) -> None:
             packed = key == "displacement"
             file.create_dataset(key, data=value, compression="gzip" if packed else None)
             file[key].attrs["unit"] = {"pressure": "MPa", "time": "s"}.get(key, "mm")
+
+
+def mat_file(folder: Path) -> bytes:
+    """A MATLAB export of one frame with two areas of interest."""
+    from scipy.io import savemat
+
+    rng = np.random.default_rng(7)
+    arrays = {
+        f"{name}_{area}": rng.uniform(-60, 60, (4, 5)) for name in "XYZUVW" for area in (0, 1)
+    }
+    savemat(folder / "run_1bar.mat", arrays, do_compression=True)
+    return (folder / "run_1bar.mat").read_bytes()
+
+
+def matchid_file(folder: Path) -> bytes:
+    """A MatchID test of three steps in one file."""
+    import h5py
+
+    rng = np.random.default_rng(7)
+    names = ("Horizontal Displacement U", "Vertical Displacement V", "Out-Of-Plane: W")
+    with h5py.File(folder / "m.h5", "w") as file:
+        for name in ("X", "Y", "Z"):
+            file[f"DIC Data/Point Data/{name}"] = rng.uniform(-60, 60, (3, 20))
+        for name in names:
+            file[f"DIC Data/Point Data/{name}"] = rng.uniform(-2, 2, (3, 20))
+        file["DIC Data/Mapping Data/Spatial - Point Locations"] = rng.uniform(0, 999, (20, 2))
+        file["DIC Data/Temporal Data/Force"] = np.array([[1.0, 2.0, 3.0]])
+    return (folder / "m.h5").read_bytes()
 
 
 def csv_files() -> dict[str, bytes]:
@@ -122,6 +151,8 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
     """For each format, what writes a damaged input and says where it is."""
     with tempfile.TemporaryDirectory() as good:
         single, csv = good_files(Path(good)), csv_files()
+        single["matchid"] = ("m.h5", matchid_file(Path(good)))
+        mat = mat_file(Path(good))
 
     def of(kind: str) -> Callable[[np.random.Generator], Path]:
         name, data = single[kind]
@@ -146,16 +177,31 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
             (folder / "csv" / name).write_bytes(damaged(data, rng) if name == hit else data)
         return folder / "csv"
 
-    return {**{kind: of(kind) for kind in single}, "npz": write_npz, "csv": write_csv}
+    def write_mat(rng: np.random.Generator) -> Path:
+        (folder / "mat").mkdir(exist_ok=True)
+        (folder / "mat" / "run_1bar.mat").write_bytes(damaged(mat, rng))
+        return folder / "mat"
+
+    singly = {kind: of(kind) for kind in single}
+    return {**singly, "npz": write_npz, "csv": write_csv, "mat": write_mat}
 
 
-def read_one(path: Path) -> str:
+#: What exports do not say themselves.
+TOLD: dict[str, dict[str, Any]] = {
+    "mat": {"radius": 100.0, "thickness": 0.8, "pressure": "names"},
+    "matchid": {
+        "radius": 100.0, "thickness": 0.8, "pressure_column": "Force", "pressure_unit": "bar",
+    },
+}  # fmt: skip
+
+
+def read_one(path: Path, kind: str) -> str:
     """`read` or `refused`; anything else is raised."""
     from bulgefit.dic import describe, read_test
     from bulgefit.errors import InputError
 
     try:
-        describe(read_test(path))
+        describe(read_test(path, **TOLD.get(kind, {})))
     except InputError as error:
         if "\n" in str(error):
             raise AssertionError(f"not one line: {error}") from None
@@ -185,7 +231,7 @@ def watch(folder: Path) -> None:
 def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
     """Read `count` inputs of one format in this process."""
     write = writers(folder)[kind]
-    read_one(write(np.random.default_rng(0)))  # imports what is needed
+    read_one(write(np.random.default_rng(0)), kind)  # imports what is needed
     watch(folder)
     signal.signal(signal.SIGALRM, _too_long)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -197,7 +243,7 @@ def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
         began = processor_time()
         signal.setitimer(signal.ITIMER_REAL, LONGEST)
         try:
-            tally[read_one(path)] += 1
+            tally[read_one(path, kind)] += 1
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
         slowest = max(slowest, processor_time() - began)

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from bulgefit.cli.main import main
-from bulgefit.dic import read_test
+from bulgefit.dic import BulgeTest, read_test
 from bulgefit.errors import BulgefitError, InputError, SolveError
+from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.mesh import disc
 from bulgefit.model.predict import predict
 from bulgefit.model.setup import Setup
@@ -164,6 +165,72 @@ def test_cell_fields_of_an_isotropic_disc(law):
     curvature = np.median(2 * (made.apex[0] - z[near]) / x[near] ** 2)
     assert 2 * 0.81 * s * curvature == pytest.approx(0.1, rel=0.03)
     assert not fields["wrinkled"].any()
+
+
+@pytest.mark.parametrize(
+    "effects", [{}, {"clamp_slip.compliance": 0.02}, {"axis_misalignment.angle": 10.0}]
+)
+def test_shapes_are_what_predict_sees_at_the_nodes(effects):
+    """Fields are interpolated through the nodes, so both ways tell of the same shape."""
+    made = simulate(CONSTANTS, [0.05, 0.2], refine=3, effects=effects)
+    inside = np.delete(np.arange(len(made.mesh.nodes)), made.mesh.rim)
+    points = np.column_stack([made.mesh.nodes[inside], np.zeros(len(inside))])
+    test = BulgeTest.from_arrays(points, np.zeros((2, len(inside), 3)), [0.05, 0.2])
+    seen = predict(test, CONSTANTS, effects=effects, setup=Setup(refine=3, interpolation="none"))
+    np.testing.assert_allclose(made.displacement[:, inside], seen.displacement, atol=1e-9)
+    path = made.path([0.05, 0.2])
+    here = made.displacement - path  # what was taken off the mesh's error, and the path's
+    assert np.abs(here).max() == pytest.approx(made.mesh_error_taken_off, abs=1e-3)
+    assert np.abs(made.path(0.2) - path[1]).max() == 0.0
+
+
+@pytest.mark.parametrize(("g12", "stable"), [(30.0, [True, True]), (5.0, [True, False])])
+def test_shapes_balance_the_whole_membrane(g12, stable):
+    """Though a quarter of it is balanced, and under soft shear one that odd shapes would leave."""
+    moduli = {"E1": 330.0, "E2": 200.0, "G12": g12, "nu12": 0.24}
+    made = simulate(moduli, [0.1, 0.3], refine=3, correct_mesh=False)
+    stiffness = made.description.stiffness
+    definite = []
+    for shape, pressure in zip(made.displacement, made.pressure, strict=True):
+        state = made.membrane.state(shape, pressure, stiffness)
+        assert np.abs(state.residual).max() < 1e-6  # N, of some 10 at a node
+        try:
+            made.membrane.factorise(state)
+            definite.append(True)
+        except NotPositiveDefiniteError:
+            definite.append(False)
+    assert definite == stable
+    assert made.stable == all(stable)
+
+
+def test_a_rim_that_rises():
+    lift = {"rim_lift.amplitude": 0.5, "rim_lift.direction": 90.0}
+    made = simulate(CONSTANTS, [0.1], refine=1, effects=lift)
+    x, y = made.mesh.nodes[made.mesh.rim].T
+    expected = 0.5 * np.maximum(y, 0.0) / np.hypot(x, y)  # mm at 1 bar, towards y
+    np.testing.assert_allclose(made.displacement[0, made.mesh.rim, 2], expected, atol=1e-8)
+
+
+def test_cells_know_the_effects():
+    own = simulate({**CONSTANTS, "nu12": 0.3}, [0.1], refine=1).cell_fields(0)
+    held = simulate(CONSTANTS, [0.1], refine=1, effects={"poisson_ratio.nu12": 0.3}).cell_fields(0)
+    for name, values in own.items():
+        np.testing.assert_allclose(held[name], values, rtol=1e-9, atol=1e-12)
+
+
+def test_nothing_is_loaded_that_is_not_used():
+    """Neither readers of tests, nor what numba compiles by where nothing is compiled."""
+    words = ["simulate", *MATERIAL, "--refine", "1", "--pressure", "1", "--quiet"]
+    script = (
+        "import sys; from bulgefit.cli.main import main; "
+        f"assert main({words}) == 0; "
+        "print(*{'bulgefit.dic.readers', 'numba.np.arraymath'} & set(sys.modules))"
+    )
+    for _ in range(2):  # the first may have to compile
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        )
+    assert done.stdout.splitlines()[-1] == ""
 
 
 def test_many_pressures_come_from_the_dense_output():

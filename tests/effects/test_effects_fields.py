@@ -166,6 +166,24 @@ def test_the_rim_moves_inwards_by_its_waves(virtual: VirtualTest):
     np.testing.assert_allclose(found.values, by_angle, atol=1e-12)
 
 
+def test_the_rim_goes_on_giving_by_the_decade(virtual: VirtualTest):
+    """No time at the first frame, half a minute at the second, ten at the third."""
+    values = {"slow_slip_field.c0_1": 0.2, "slow_slip_field.s1_2": 0.1}
+    shapes = virtual.shapes({**VALUES, **values})
+    rim = virtual.mesh.nodes[virtual.mesh.rim]
+    angle = np.arctan2(rim[:, 1], rim[:, 0])
+    passed = virtual.time - virtual.time[0]
+    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.time)))
+    course = (decades / decades[-1])[:, None]
+    load = (virtual.recorded[:, None] / virtual.recorded.max()) ** (2 / 3)
+    inwards = load * (0.2 * course + 0.1 * course**2 * np.sin(angle))
+    moved = inwards[..., None] * -rim / 100.0
+    np.testing.assert_allclose(shapes.displacement[:, virtual.mesh.rim, :2], moved, atol=1e-12)
+    field = fields()["slow_slip_field"]
+    size, where = field.sampled(own(field, c0_1=0.2, s1_2=0.1), 100.0, virtual.recorded).largest
+    assert (size, where) == (pytest.approx(0.3), {"angle_degree": pytest.approx(90.0)})
+
+
 def test_a_rim_on_springs_is_pulled_at_their_ends(virtual: VirtualTest):
     """Hard springs do as a rim that is held; derivatives by both are those of differences."""
     stiff = {"clamp_slip.compliance": 2e-6}

@@ -13,7 +13,6 @@ from bulgefit.fem.kernels import assemble, assemble_sensitivity
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import Mesh, disc
-from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import quarter_of, trace_by_quarter
 from bulgefit.fem.trace import trace
 
@@ -84,17 +83,22 @@ def test_each_kind_of_displacement_has_the_wholes_stiffness(refine: int) -> None
     np.testing.assert_allclose(together, np.diag(np.diag(together)), atol=1e-9)
 
 
-def test_what_is_unstable_against_odd_displacements_is_left_to_the_whole() -> None:
-    """Under soft shear the even shapes are a stable branch; the whole fabric would leave it."""
+def test_what_is_unstable_against_odd_displacements_is_told_as_by_the_whole() -> None:
+    """Under soft shear the even shapes are a stable branch; the whole fabric may leave it."""
     soft = orthotropic_stiffness(330.0, 200.0, 5.0, 0.24)
     membrane = Membrane(disc(100.0, ODD), 0.81)
     quarter = quarter_of(membrane)
     assert quarter is not None
     even = trace(quarter.even, soft)
     assert even.stable.all()
-    assert not quarter.is_stable(even, soft)
+    assert not quarter.stable(even, soft).all()
     found, whole = (of(membrane, soft, beyond_ellipticity=True) for of in (trace_by_quarter, trace))
-    same(found, whole)
+    np.testing.assert_allclose(found(PRESSURES), whole(PRESSURES), rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(found.stable, whole.stable)
+    mirrored = quarter.whole(found.displacement[:, quarter.kept])
+    np.testing.assert_array_equal(mirrored, found.displacement)  # it is of a quarter
+    assert found.stable[0]
+    assert not found.stable.all()
     errors = []
     for of in (trace_by_quarter, trace):
         with pytest.raises(SolveError) as caught:
@@ -102,13 +106,6 @@ def test_what_is_unstable_against_odd_displacements_is_left_to_the_whole() -> No
         errors.append(caught.value)
     assert errors[0].cause is errors[1].cause is Cause.LOSS_OF_ELLIPTICITY
     assert errors[0].pressure == errors[1].pressure
-
-
-def same(one: Path, other: Path) -> None:
-    """To the last bit."""
-    np.testing.assert_array_equal(one.displacement, other.displacement)
-    np.testing.assert_array_equal(one.stable, other.stable)
-    assert not one.stable.all()
 
 
 @pytest.mark.parametrize("g12", [3.0, 6.0, 7.0])
@@ -121,7 +118,24 @@ def test_stability_is_the_wholes(g12: float) -> None:
     with nullcontext() if g12 == 7.0 else pytest.raises(NotPositiveDefiniteError):
         for pressure, shape in zip(path.pressure, quarter.whole(path.displacement), strict=True):
             membrane.factorise(membrane.state(shape, pressure, stiffness))
-    assert quarter.is_stable(path, stiffness) == (g12 == 7.0)
+    assert quarter.stable(path, stiffness).all() == (g12 == 7.0)
+
+
+def test_a_mesh_is_cut_once_for_all_membranes_that_share_its_solver() -> None:
+    first = Membrane(disc(100.0, ODD), 0.81)
+    other, alone = (Membrane(first.mesh, 0.5, "svk", fabric=LAWED, like=like)
+                    for like in (first, None))  # fmt: skip
+    known, cut, own = (quarter_of(membrane) for membrane in (first, other, alone))
+    assert known is not None
+    assert cut is not None
+    assert own is not None
+    for mine, theirs in zip((cut.even, *cut.odd), (known.even, *known.odd), strict=True):
+        assert mine.linear is theirs.linear
+        assert mine.linear is not own.even.linear
+    paths = [trace_by_quarter(membrane, STIFFNESS) for membrane in (other, alone)]
+    np.testing.assert_array_equal(paths[0].displacement, paths[1].displacement)
+    uneven = Fabric(thickness=np.ones((len(first.mesh.cells), 4)))
+    assert quarter_of(Membrane(first.mesh, fabric=uneven, like=first)) is None
 
 
 def test_wrinkled_points_are_those_of_the_whole() -> None:

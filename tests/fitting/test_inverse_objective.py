@@ -120,6 +120,26 @@ def test_e_z_takes_the_point_nearest_the_centre_that_was_seen() -> None:
     }
 
 
+def test_points_of_a_group_are_looked_at_one_after_another() -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-60.0, 60.0, (9000, 2)), np.zeros(9000)])
+    test = BulgeTest.from_arrays(points, rng.normal(size=(1, 9000, 3)), [0.1])
+
+    def side(_: int, position: np.ndarray) -> np.ndarray:
+        return (position[:, 0] > 10.0).astype(np.intp)
+
+    target = Objective([test], "e", COARSE)
+    plain, grouped = (list(target.looks(None, group=group)) for group in (None, side))
+    sides = np.concatenate([side(0, look.position) for look in grouped])
+    assert 0 < sides.sum() < len(sides) == 9000
+    assert (np.diff(sides) >= 0).all()
+    totals = [
+        sum(float((look.scale * np.abs(look.residual).sum(axis=1)).sum()) for look in looks)
+        for looks in (plain, grouped)
+    ]
+    assert totals[0] == pytest.approx(totals[1], rel=1e-12)
+
+
 def test_without_dz_there_is_no_e_z() -> None:
     flat = np.array(DISPLACEMENT)
     flat[..., 2] = NAN

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal, norm
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
-from bulgefit.gap.evidence.orthant import log_share_above
+from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
 from bulgefit.gap.evidence.search import Search, Ways
@@ -144,6 +144,23 @@ def test_share_above_two_bounds(mean, correlation):
     found = log_share_above(np.array(mean), covariance, np.zeros(2))
     # a factor of 1.05 on a probability is 0.1 on the scale of -2 ln Z
     assert found == pytest.approx(exact, abs=0.05)
+
+
+@pytest.mark.parametrize("z", [3.0, 0.0, -5.0, -29.0, -31.0, -300.0])
+def test_moments_above_a_bound(z):
+    """Far below it the variance is a difference of large numbers, and a series is taken."""
+    unit = 1.0 / max(1.0, -z)
+
+    def moment(power):
+        return quad(lambda y: y**power * np.exp(-0.5 * (unit * y) ** 2 + z * unit * y), 0, 40)[0]
+
+    whole, first, second = (moment(power) for power in range(3))
+    mean = first / whole
+    mass, found, variance = _cut(2.0 * z, 4.0)
+    assert mass == pytest.approx(norm.logcdf(z), rel=1e-12)
+    assert found == pytest.approx(2.0 * unit * mean, rel=1e-6)
+    left = 50.0 / z**4 if z < -30.0 else 1e-6  # the series' next term
+    assert variance == pytest.approx((2.0 * unit) ** 2 * (second / whole - mean**2), rel=left)
 
 
 def test_shares_of_independent_bounds_multiply():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.noise import estimate_noise
+from bulgefit.dic.noise import estimate_noise, noise_of
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnosis import _left_out
 from bulgefit.gap.prepare import _usable_frames, prepare
@@ -59,22 +59,50 @@ def test_rough_frames_are_left_out_though_points_are_lost(points: np.ndarray, lo
     assert rough_from == pytest.approx(10.0 * test.pressure[6])
 
 
-@pytest.mark.parametrize("jitter", [0.0, 0.25])
-def test_inflation_is_that_of_a_mean_of_correlated_noise(
-    grid: Callable[..., np.ndarray], jitter: float
-) -> None:
-    """Points that are scattered are as many to the area as those of a regular grid."""
+def correlated(points: np.ndarray, power: int) -> tuple[BulgeTest, float]:
+    """A test with noise that is correlated over 10 mm, and what that does to a mean's variance."""
     rng = np.random.default_rng(3)
-    points = grid(4.6)
-    points[:, :2] += rng.uniform(-jitter, jitter, (len(points), 2)) * 4.6
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
-    correlation = 0.36 * np.exp(-((distance / 10.0) ** 2))
+    correlation = 0.36 * np.exp(-((distance / 10.0) ** power))
     root = np.linalg.cholesky(correlation + 0.64 * np.eye(len(points)))
     rest = np.einsum("nm,fmc->fnc", root, rng.normal(size=(12, len(points), 3))) * SIGMA
-    noise = estimate_noise(bulge_test(points, dome(points), static_displacement=rest))
     inside = np.hypot(*points[:, :2].T) < 70.0
     exact = 1.0 + correlation[inside].sum(axis=1).mean() - 0.36
-    assert noise.inflation == pytest.approx(exact, rel=0.2)
+    return bulge_test(points, dome(points), static_displacement=rest), exact
+
+
+@pytest.mark.parametrize("power", [1, 2])
+@pytest.mark.parametrize("jitter", [0.0, 0.25])
+def test_inflation_is_that_of_a_mean_of_correlated_noise(
+    grid: Callable[..., np.ndarray], jitter: float, power: int
+) -> None:
+    """Points that are scattered are as many to the area as those of a regular grid."""
+    points = grid(4.6)
+    rng = np.random.default_rng(3)
+    points[:, :2] += rng.uniform(-jitter, jitter, (len(points), 2)) * 4.6
+    test, exact = correlated(points, power)
+    assert estimate_noise(test).inflation == pytest.approx(exact, rel=0.2)
+
+
+def test_some_of_many_points_tell_the_inflation_of_all(
+    grid: Callable[..., np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bulgefit.dic.noise.MOST_POINTS", 500)
+    test, exact = correlated(grid(4.6), 2)
+    found = noise_of(test)
+    assert found is not None
+    assert found.inflation == pytest.approx(exact, rel=0.25)
+
+
+def test_what_comes_back_in_every_frame_is_not_averaged_away(points: np.ndarray) -> None:
+    """Half the variance is each frame's own, half is that of the points."""
+    rng = np.random.default_rng(5)
+    fresh, same = (rng.normal(size=(n, len(points), 3)) * SIGMA for n in (20, 1))
+    test = bulge_test(points, dome(points, 20))
+    noise = estimate_noise(test, fresh + same)
+    np.testing.assert_allclose(noise.sigma, np.sqrt(2.0) * SIGMA, rtol=0.1)
+    assert noise.persistent == pytest.approx(0.5, abs=0.1)
+    assert noise.inflation == pytest.approx(0.5 * 20 + 0.5, rel=0.2)
 
 
 def test_images_at_rest_that_lack_a_component_are_left_out(points: np.ndarray) -> None:

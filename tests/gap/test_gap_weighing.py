@@ -19,7 +19,7 @@ from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
-from bulgefit.gap.evidence.temper import temper
+from bulgefit.gap.evidence.temper import determined, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explain import _stepped_fields
 
@@ -69,7 +69,7 @@ def test_fields_are_freed_where_every_test_tells_what_they_need(data: Data) -> N
     untold = {f.id for f in _stepped_fields([data, timed])}
     assert "frame_field" in untold
     assert "reference_field" not in untold
-    assert {f.id for f in _stepped_fields([timed])} - untold == {"drift_field"}
+    assert {f.id for f in _stepped_fields([timed])} - untold == {"drift_field", "slow_slip_field"}
 
 
 def test_gradients_are_those_of_the_misfit(data: Data) -> None:
@@ -175,15 +175,38 @@ def test_a_regression_keeps_no_derivatives(data: Data) -> None:
 def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
     assert temper([data], [prediction], free=4) == pytest.approx(1.0, abs=0.2)
-    # a plane of one noise unit is one mode of 21, whose square is the number of points
-    x = data.specimen.reference[:, 0]
+    # a plane of one noise unit in every frame is one mode of 21 times those of the frames
+    x, frames = data.specimen.reference[:, 0], len(data.used)
     miss = (x / np.std(x))[:, None] * data.sigma
     off = replace(prediction, displacement=prediction.displacement + miss)
-    expected = 1.0 + len(x) / 21
+    expected = 1.0 + frames * len(x) / (21 * min(frames, 6))
     assert temper([data], [off], free=0) == pytest.approx(expected, rel=0.2)
     # correlated noise is granted its inflation
     granted = replace(data, inflation=expected)
     assert temper([granted], [off], free=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:
+    """The same plane by a size of each frame's own is spread over as many modes as frames."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    x, frames = data.specimen.reference[:, 0], len(data.used)
+    sizes = np.random.default_rng(2).normal(size=(200, frames))
+    found = []
+    for size in sizes:
+        miss = size[:, None, None] * (x / np.std(x))[:, None] * data.sigma
+        off = replace(prediction, displacement=prediction.displacement + miss)
+        found.append(temper([data], [off], free=0))
+    assert np.mean(found) == pytest.approx(1.0 + len(x) / 21, rel=0.1)
+
+
+def test_coordinates_that_priors_hold_are_not_determined(data: Data) -> None:
+    weighing, layout = weighing_of([data])
+    model = layout.whole(("clamp_slip", "rigid_motion"))
+    fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
+    count = len(fit.here.columns)
+    assert determined(fit, layout) == pytest.approx(count, abs=0.1)
+    unknown = replace(fit, covariance=np.diag(layout.width[fit.here.columns] ** 2))
+    assert determined(unknown, layout) == 0.0
 
 
 def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> None:

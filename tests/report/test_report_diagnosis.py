@@ -76,6 +76,20 @@ def test_report_of_a_named_cause(found, drawn):
     assert "**" not in html.partition("<script")[0]
 
 
+def test_what_is_wrong_with_the_test_is_said_first(found, plate):
+    """Pressures in another unit: no cause and no modulus means anything."""
+    assert found.to_dict()["alarms"] == []
+    wrong = replace(found, tests=[replace(plate, pressure=20 * plate.pressure)])
+    (alarm,) = wrong.to_dict()["alarms"]
+    said = "plate 1/a: highest pressure is 50 bar, where fabrics are tested at 0.02 to 10"
+    assert alarm.startswith(said)
+    assert report_text(wrong).startswith("WARNING: plate 1/a: highest pressure is 50 bar")
+    answer = page_of_diagnosis(record_of(wrong)).answer
+    assert answer.notes[0] == alarm
+    assert answer.tone == "care"
+    assert not page_of_diagnosis(record_of(found)).answer.notes[0].startswith("plate")
+
+
 def test_files_are_refused_then_replaced(found, drawn, tmp_path):
     (tmp_path / "budget.png").write_text("mine")
     with pytest.raises(InputError, match=r"budget.png: exists; use --force"):

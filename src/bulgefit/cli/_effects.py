@@ -208,14 +208,13 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
 
 def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
     """As options name them: what a fit held is told, too."""
-    names: tuple[str, ...] = ("E1", "E2", "G12")
     if _is_gap(content):
-        found = content["parameters"]["corrected"]
+        found, names = content["parameters"]["corrected"], ["E1", "E2", "G12"]
     else:
         found = content["parameters"]
-        names = tuple(name for name in found if "." not in name)
+        names = [name for name in found if "." not in name]
         if content["material"] == "isotropic-EG":
-            names = ("E", "G")
+            names = ["E", "G"]
     return {name: float(found[name]["value"]) for name in names}
 
 

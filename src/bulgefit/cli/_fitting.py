@@ -63,8 +63,8 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         "--interpolation",
         default=None,
         metavar="HOW",
-        help="in pressure: dense output of the path (dense), or linear between the study's 200 "
-        "levels (study) (default: dense)",
+        help="in pressure: dense output of the path (dense), linear between the study's 200 "
+        "levels (study), or none: every frame is balanced (none) (default: dense)",
     )
     group.add_argument(
         "--study",

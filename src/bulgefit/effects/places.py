@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 #: MPa.
 _BAR = 0.1
+#: Pressure (MPa) of a test that has none, and interval (s) of frames that have none.
+_NONE, _INSTANT = 1e-12, 1e-9
 
 #: Effects of the cameras of a higher `order` act on what the moved frame shows.
 MOTION = 10
@@ -83,6 +85,8 @@ class Clamping:
         Of the rim's nodes, from x.
     pressure : (frames,) array, MPa
         On the clamp.
+    time : (frames,) array or None
+        Seconds, where the test tells them.
     compliance : float or None, mm per N/mm
         The rim moves inwards by this times the radial edge traction; None: it is held.
     lift : (frames, rim) array or None, mm
@@ -97,6 +101,25 @@ class Clamping:
     compliance: float | None = None
     lift: Floats | None = None
     inwards: Floats | None = None
+    time: Floats | None = None
+
+    @property
+    def loaded(self) -> Floats:
+        """Traction of the edge over that at the highest pressure, (frames,).
+
+        Of a flat, linear membrane it goes with p^(2/3) (Hencky, 1915, "Über den Spannungszustand
+        in kreisrunden Platten mit verschwindender Biegungssteifigkeit").
+        """
+        pressure = np.maximum(self.pressure, 0.0)
+        return np.asarray(np.cbrt(pressure / max(pressure.max(), _NONE)) ** 2)
+
+    @property
+    def decades(self) -> Floats | None:
+        """Decades (frames,) of time since the first frame, in median intervals of the frames."""
+        if self.time is None or len(self.time) < 2:
+            return None
+        passed, step = self.time - self.time[0], float(np.median(np.diff(self.time)))
+        return np.asarray(np.log10(1.0 + np.maximum(passed, 0.0) / max(step, _INSTANT)))
 
     def opened(self, shape: float) -> Floats:
         """How far (frames,) bar an edge rises that goes up by 1 a bar at first.

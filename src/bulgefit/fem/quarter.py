@@ -6,7 +6,8 @@ quarter of all, and their tangent a sixteenth of the work. That the others stay 
 stability against them: the whole tangent falls apart into those of the four ways of being even or
 odd in each mirror (Healey, 1988, A group-theoretic approach to computational bifurcation
 problems with symmetry, sec. 4), so it is positive definite where all four are. Where one is not,
-or where the path stops, the whole membrane is traced.
+or where the path stops, the whole membrane is traced; unless unstable shapes are followed too: the
+whole's steps then keep to the mirrors as well, at ten times the cost.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from bulgefit.errors import Cause, SolveError
-from bulgefit.fem.linear import NotPositiveDefiniteError
+from bulgefit.fem.linear import LinearSolver, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path
@@ -52,25 +53,45 @@ class Quarter:
         The quarter's node that is, or mirrors, each node of the whole.
     sign : (n, 3) array
         Displacement of each node of the whole over that node's.
+    kept : (q,) int array
+        The whole's nodes that are the quarter's.
     """
 
     even: Membrane
     odd: tuple[Membrane, ...]
     node: NDArray[np.int64]
     sign: Floats
+    kept: NDArray[np.int64]
+
+    def alike(self, membrane: Membrane) -> Quarter:
+        """The quarter of another membrane of the same mesh, with the linear solvers of this one."""
+
+        def of_kind(kind: Membrane) -> Membrane:
+            return Membrane(
+                kind.mesh, membrane.thickness, membrane.law, relaxation=membrane.relaxation,
+                fixed=kind.fixed, solver=membrane.forced, fabric=membrane.fabric, like=kind,
+                ties=kind.ties,
+            )  # fmt: skip
+
+        return replace(self, even=of_kind(self.even), odd=tuple(of_kind(k) for k in self.odd))
 
     def whole(self, field: Floats) -> Floats:
         """A field (..., n, 3) of the whole from that of the quarter."""
         return field[..., self.node, :] * self.sign
 
-    def is_stable(self, path: Path, stiffness: Floats) -> bool:
-        """Whether no small displacement of any kind lowers the potential at the path's levels."""
-        if not path.stable.all():
-            return False
+    def stable(self, path: Path, stiffness: Floats) -> NDArray[np.bool_]:
+        """Whether no small displacement of any kind lowers the potential, at each level."""
+        out = path.stable.copy()
+        for level in np.flatnonzero(out):
+            shape, pressure = path.displacement[level], float(path.pressure[level])
+            out[level] = self.keeps(shape, pressure, stiffness)
+        return out
+
+    def keeps(self, shape: Floats, pressure: float, stiffness: Floats) -> bool:
+        """Whether no small odd displacement lowers the potential at a balanced shape (q, 3) mm."""
         try:
-            for pressure, shape in zip(path.pressure, path.displacement, strict=True):
-                for membrane in self.odd:
-                    membrane.factorise(membrane.state(shape, pressure, stiffness), spent=True)
+            for membrane in self.odd:
+                membrane.factorise(membrane.state(shape, pressure, stiffness), spent=True)
         except NotPositiveDefiniteError:
             return False
         return True
@@ -86,7 +107,7 @@ def trace_by_quarter(
     parameters: Mapping[str, float] | None = None,
     beyond_ellipticity: bool = False,
 ) -> Path:
-    """`trace`, of a quarter of the membrane where shapes mirror in both axes and are stable.
+    """`trace`, of a quarter of the membrane where shapes mirror in both axes and are followed.
 
     Parameters and errors are those of `trace`. The path's `factorisations` are then those of
     the quarter, three a level to see that it is stable included.
@@ -104,8 +125,9 @@ def trace_by_quarter(
             if error.cause is Cause.INADMISSIBLE:
                 raise
         else:
-            if quarter.is_stable(path, stiffness):
-                return _whole(path, quarter, membrane, stiffness)
+            stable = quarter.stable(path, stiffness)
+            if beyond_ellipticity or stable.all():
+                return _whole(replace(path, stable=stable), quarter, membrane, stiffness)
     return trace(
         membrane, stiffness, pressure, tolerance=tolerance,
         sensitivities=sensitivities, parameters=parameters,
@@ -141,6 +163,8 @@ def _whole(path: Path, quarter: Quarter, membrane: Membrane, stiffness: Floats) 
 
 
 _KNOWN: WeakKeyDictionary[Membrane, Quarter | None] = WeakKeyDictionary()
+#: Of the first membrane of each mesh: those that share its linear solver are cut as it was.
+_CUT: WeakKeyDictionary[LinearSolver, Quarter | None] = WeakKeyDictionary()
 
 
 def quarter_of(membrane: Membrane) -> Quarter | None:
@@ -148,15 +172,25 @@ def quarter_of(membrane: Membrane) -> Quarter | None:
     try:
         return _KNOWN[membrane]
     except KeyError:
-        found = _KNOWN[membrane] = _make(membrane)
+        found = _KNOWN[membrane] = _quarter_of(membrane)
         return found
 
 
-def _make(membrane: Membrane) -> Quarter | None:
-    fabric, mesh = membrane.fabric, membrane.mesh
+def _quarter_of(membrane: Membrane) -> Quarter | None:
+    fabric = membrane.fabric
     uneven = fabric.surface is not None or fabric.thickness is not None
     if uneven or fabric.compliance is not None or membrane.angle != 0.0 or membrane.ties:
         return None
+    try:
+        first = _CUT[membrane.linear]
+    except KeyError:
+        first = _CUT[membrane.linear] = _cut(membrane)
+        return first
+    return None if first is None else first.alike(membrane)
+
+
+def _cut(membrane: Membrane) -> Quarter | None:
+    fabric, mesh = membrane.fabric, membrane.mesh
     images = _images(mesh)
     if images is None or any((membrane.fixed[i] != membrane.fixed).any() for i in images):
         return None
@@ -188,7 +222,7 @@ def _make(membrane: Membrane) -> Quarter | None:
         ), sign  # fmt: skip
 
     (even, sign), *odd = (of_kind(parity) for parity in product((1.0, -1.0), repeat=2))
-    return Quarter(even, tuple(other for other, _ in odd), number[first], sign)
+    return Quarter(even, tuple(other for other, _ in odd), number[first], sign, kept)
 
 
 def _images(mesh: Mesh) -> list[NDArray[np.int64]] | None:

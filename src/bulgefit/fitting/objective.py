@@ -19,7 +19,7 @@ what correlation in space does to the variance of a mean, so points that are ali
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -325,11 +325,22 @@ class Objective:
         names: Sequence[Sequence[str]] | None = None,
         *,
         sampled: bool = False,
+        group: Callable[[int, Floats], NDArray[np.intp]] | None = None,
     ) -> Iterator[Look]:
-        """Residuals of what the objective compares, some points at a time."""
+        """Residuals of what the objective compares, some points at a time.
+
+        Parameters
+        ----------
+        group : callable, optional
+            Numbers of the groups of points of a test at positions (m, 2) mm: points of a group
+            come one after another, so that each look has few groups.
+        """
         for i, part in enumerate(self._parts):
             for view in part.views:
                 points = self._sampled(view) if sampled else view.points
+                if group is not None:
+                    position = self.tests[i].blocks[view.block].reference[points, :2]
+                    points = points[np.argsort(group(i, position), kind="stable")]
                 scale = part.scale(view) * (len(view.points) / len(points))
                 for chunk in _chunks(points):
                     yield self._look(

@@ -120,7 +120,7 @@ def uncertainty_of(
     names = problem.names_of_tests()
     for look in problem.objective.looks(shapes, names, sampled=True):
         sums.weigh(look)
-    for look in problem.objective.looks(shapes, names):
+    for look in problem.objective.looks(shapes, names, group=sums.group):
         sums.cluster(look)
     bread = sums.bread()
     if problem.priors:
@@ -211,14 +211,24 @@ class _Sums:
             self._grams[key] = self._grams.get(key, 0.0) + gram
             self._residuals.setdefault(key, []).append(look.residual[:, :, c][seen[:, :, c]])
 
+    def places(self, test: int, position: Floats) -> NDArray[np.intp]:
+        """Cell by x and y, and sector, of points (m, 2) mm of a test: (m, 3)."""
+        cell = np.floor(position / self.lengths[test]).astype(np.intp)
+        angle = np.arctan2(position[:, 1], position[:, 0]) + np.pi
+        sector = np.minimum((angle * _SECTORS / (2 * np.pi)).astype(np.intp), _SECTORS - 1)
+        return np.column_stack([cell, sector])
+
+    def group(self, test: int, position: Floats) -> NDArray[np.intp]:
+        """A number (m,) for each of the `places` of points."""
+        places = self.places(test, position)
+        return np.unique(places, axis=0, return_inverse=True)[1].ravel()
+
     def cluster(self, look: Look) -> None:
         """Take some points into the sums over clusters."""
         test = self.tests[look.test]
-        cell = np.floor(look.position / self.lengths[look.test]).astype(int)
-        angle = np.arctan2(look.position[:, 1], look.position[:, 0]) + np.pi
-        sector = np.minimum((angle * _SECTORS / (2 * np.pi)).astype(int), _SECTORS - 1)
         block = self._ranks[look.test][look.frames] * _FRAMES // max(test.n_frames, 1)
-        places, which = np.unique(np.column_stack([cell, sector]), axis=0, return_inverse=True)
+        of_points = self.places(look.test, look.position)
+        places, which = np.unique(of_points, axis=0, return_inverse=True)
         by_name = look.gathered(look.pull(squared=self.squared), which.ravel())
         summed = np.tensordot(by_name, self.columns[look.test], (0, 0))  # (groups, frames, free)
         for (x, y, around), rows in zip(places.tolist(), summed, strict=True):

@@ -15,6 +15,7 @@ import numpy as np
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import dataframe
 from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.dic.suspicions import alarms
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import acting, fields
 from bulgefit.errors import InputError, SolveError
@@ -233,6 +234,11 @@ class Diagnosis(Drawn):
             **({} if self.holdout is None else {"holdout": self.holdout.to_dict()}),
             "skipped": self.skipped,
             "warnings": self.warnings,
+            "alarms": [
+                f"{test.name}: {alarm.text}; {alarm.remedy}"
+                for test in self.tests
+                for alarm in alarms(test)
+            ],
             "noise": [
                 {
                     "test": p.data.specimen.test.name,

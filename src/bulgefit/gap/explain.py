@@ -28,7 +28,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import temper
+from bulgefit.gap.evidence.temper import determined, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -115,8 +115,7 @@ def explain(
     weighing = Weighing(whole, coordinates, search.problem.offsets)
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    free = len(fit.here.columns)
-    tempered = temper(whole, final.predictions, free)
+    tempered = temper(whole, final.predictions, determined(fit, layout))
     left = max(tempered / search.problem.tempered, 1.0)
     chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
@@ -304,7 +303,7 @@ class _Trial:
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = temper(self.data, self.regression.predictions, len(best.here.columns))
+            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)

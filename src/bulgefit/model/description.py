@@ -169,7 +169,7 @@ def describe(
             outline = effect.outline(own, outline)
             height = height + effect.height(own, unit)
     rim = mesh.nodes[mesh.rim]
-    clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied)
+    clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied, time=time)
     for effect, own in active:
         clamping = effect.clamp(own, clamping)
     compliance = clamping.compliance

@@ -21,7 +21,7 @@ from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
-from bulgefit.fem.quarter import trace_by_quarter
+from bulgefit.fem.quarter import Quarter, quarter_of, trace_by_quarter
 from bulgefit.model.description import CONSTANTS, Description
 from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.parallel.threads import side_by_side
@@ -34,6 +34,8 @@ Floats = NDArray[np.float64]
 LIGHT_PRESSURE = 1e-4
 #: Frames with pressure are balanced at this (MPa) or more; one without shows the fabric at rest.
 LEAST_PRESSURE = 1e-6
+#: Share of the radius by which rounding sets mirror images apart.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,10 @@ class Shapes:
         Highest solved pressure below which every shape was stable; None where all are.
     wrinkled : (frames,) array or None
         Share of the Gauss points in tension-field relaxation; None where it is not known.
+    factorisations : int
+        Spent on them, a path that led there included.
+    error : float, mm
+        Estimated error of the path's dense output; 0 where every frame was balanced.
     """
 
     values: dict[str, float]
@@ -61,6 +67,8 @@ class Shapes:
     stable: NDArray[np.bool_]
     stable_up_to: float | None = None
     wrinkled: Floats | None = None
+    factorisations: int = 0
+    error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,29 +111,29 @@ class Inflation:
     ellipticity: float = 0.0
     mesh: Mesh = field(init=False)
     _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
-    _path: tuple[object, Path] | None = field(init=False, default=None, repr=False)
+    _path: tuple[object, Description, Path] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.mesh = self.setup.mesh or ellipse(self.radius, self.ellipticity, self.setup.refine)
-        stretch = np.array([1.0 + self.ellipticity, 1.0 - self.ellipticity])
-        rim = np.hypot(*(self.mesh.nodes[self.mesh.rim] / stretch).T)
-        if np.abs(rim / self.radius - 1).max() > 1e-3:
-            if self.ellipticity:
-                a, b = self.radius * stretch
-                raise InputError(f"mesh: its rim is not the clamp's, of semi-axes {a:g}, {b:g} mm")
-            raise InputError(
-                f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
-                f"the clamp at {self.radius:g} mm; give a mesh of that disc"
-            )
         if self.highest <= 0.0:
             raise InputError("no frame has a positive pressure")
 
     @classmethod
     def of(cls, tests: Sequence[BulgeTest], setup: Setup) -> Inflation:
-        """Of tests of one clamp and thickness."""
+        """Of tests of one clamp and thickness; InputError for a mesh of another clamp."""
         highest = max(float(test.pressure.max()) for test in tests)
         first = tests[0]
-        return cls(first.radius, first.thickness, highest, setup, first.ellipticity)
+        made = cls(first.radius, first.thickness, highest, setup, first.ellipticity)
+        rim = np.hypot(*(made.mesh.nodes[made.mesh.rim] / first.stretch).T)
+        if np.abs(rim / first.radius - 1).max() > 1e-3:
+            if first.ellipticity:
+                a, b = first.semi_axes
+                raise InputError(f"mesh: its rim is not the clamp's, of semi-axes {a:g}, {b:g} mm")
+            raise InputError(
+                f"mesh: its rim lies {rim.min():.6g} to {rim.max():.6g} mm from the centre (0, 0), "
+                f"the clamp at {first.radius:g} mm; give a mesh of that disc"
+            )
+        return made
 
     def __getstate__(self) -> dict[str, object]:
         # what is as soon made as sent is made again
@@ -148,15 +156,15 @@ class Inflation:
         return made
 
     def path(self, given: Description, values: Mapping[str, float], sensitivities: bool) -> Path:
-        """The path of a plain specimen up to the highest pressure of all; the last one is kept.
+        """The path of a specimen up to the highest pressure of all; the last one is kept.
 
         It is taken again for the very same path alone: one that was traced further, or with
         sensitivities, differs by the solver's tolerance, and results would tell what came before.
         """
         high = max(self.highest, float(np.max(given.load.balanced)))
         key = given.law_parameters, high, sensitivities
-        if self._path is not None and self._path[0] == key:
-            return self._path[1]
+        if self._path is not None and self._path[0] == key and self._path[1].lies_as(given):
+            return self._path[2]
         if self.setup.interpolation == "study":
             above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
             high = float(STUDY_LEVELS[above])
@@ -169,7 +177,7 @@ class Inflation:
             parameters=values,
             beyond_ellipticity=True,
         )
-        self._path = key, path
+        self._path = key, given, path
         return path
 
     def along_path(
@@ -198,7 +206,10 @@ class Inflation:
             end = float(path.pressure[first - 1]) if first else 0.0
         shapes = self._at(path, pressure)
         wrinkled = path.wrinkled[at] / (4.0 * len(path.cells))
-        return Shapes(values, shapes, derivative, at < first, end, wrinkled)
+        return Shapes(
+            values, shapes, derivative, at < first, end, wrinkled,
+            factorisations=path.factorisations, error=path.error_estimate,
+        )  # fmt: skip
 
     def _by_pressure(self, path: Path, pressure: Floats) -> Floats:
         """∂u/∂p (frames, n, 3) mm/MPa, by a difference of the dense output in p^(1/3)."""
@@ -242,25 +253,34 @@ class Inflation:
         pressure = np.asarray(given.load.balanced, dtype=float)
         rest = pressure <= 0.0
         pressure = np.maximum(pressure, LEAST_PRESSURE)
+        work = 0
         if guesses is None:
-            guesses = self._guesses(membrane, given, pressure, values)
+            guesses, work = self._guesses(membrane, given, pressure, values)
         guesses[:, membrane.fixed] = 0.0
         if given.edge is not None:
             rim = self.mesh.rim
             guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
         forces = _Forces(self, membrane, given, changes)
+        alike = not changes and given.edge is None
+        quarter = self._mirrored(membrane, guesses) if alike else None
 
-        def one(frame: int) -> tuple[Floats, bool, int, Floats]:
+        def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
             if rest[frame]:
                 still = np.zeros_like(guesses[frame])
-                return still, True, 0, np.zeros((len(changes), *still.shape))
+                return still, True, 0, 0, np.zeros((len(changes), *still.shape))
+            if quarter is not None:
+                found = _by_quarter(
+                    membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
+                )
+                return *found, np.zeros((0, *guesses[frame].shape))
             own = membrane if given.edge is None else membrane.pulled_at(given.edge[frame, :, :2])
             balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
             fields = forces.fields(balance, frame)
-            return balance.displacement, balance.stable, balance.wrinkled, fields
+            spent = balance.factorisations
+            return balance.displacement, balance.stable, balance.wrinkled, spent, fields
 
         frames = side_by_side(one, range(len(pressure)), threads)
-        shapes, stable, wrinkled, fields = zip(*frames, strict=True)
+        shapes, stable, wrinkled, spent, fields = zip(*frames, strict=True)
         columns = np.stack(fields, axis=1) if changes else np.empty((0,))
         lost = pressure[~np.array(stable)].min(initial=np.inf)
         return Shapes(
@@ -270,7 +290,21 @@ class Inflation:
             np.array(stable),
             float(pressure[pressure < lost].max(initial=0.0)) if np.isfinite(lost) else None,
             np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
+            factorisations=work + sum(spent),
         )
+
+    def _mirrored(self, membrane: Membrane, guesses: Floats) -> Quarter | None:
+        """The quarter that guesses (frames, n, 3) are the images of, where nothing is interpolated.
+
+        They are where a path of the quarter led to them.
+        """
+        if self.setup.interpolation != "none":
+            return None
+        quarter = quarter_of(membrane)
+        if quarter is None:
+            return None
+        apart = float(np.abs(quarter.whole(guesses[:, quarter.kept]) - guesses).max())
+        return quarter if apart <= _ROUNDING * self.radius else None
 
     def _guesses(
         self,
@@ -278,23 +312,30 @@ class Inflation:
         given: Description,
         pressure: Floats,
         values: dict[str, float],
-    ) -> Floats:
-        """Displacements (frames, n, 3) near balance, from a rough path."""
-        low, high = float(pressure.min()), float(pressure.max())
-        path = trace_by_quarter(
-            membrane,
-            given.stiffness,
-            (min(low, 0.5 * high), high),
-            tolerance=0.05,
-            parameters=values,
-            beyond_ellipticity=True,
-        )
+    ) -> tuple[Floats, int]:
+        """Displacements (frames, n, 3) near balance, from a path, and its factorisations.
+
+        Without interpolation it is the path of dense output, which is asked for beside the shapes;
+        else a rough one.
+        """
+        if self.setup.interpolation == "none":
+            path = self.path(given, values, sensitivities=False)
+        else:
+            low, high = float(pressure.min()), float(pressure.max())
+            path = trace_by_quarter(
+                membrane,
+                given.stiffness,
+                (min(low, 0.5 * high), high),
+                tolerance=0.05,
+                parameters=values,
+                beyond_ellipticity=True,
+            )
         low, high = path.pressure[0], path.pressure[-1]
         guess = np.array([path(min(max(p, low), high))[0] for p in pressure])
         if given.edge is not None:
             # what the rim does fades towards the centre
             guess += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
-        return guess
+        return guess, path.factorisations
 
 
 class _Forces:
@@ -431,6 +472,23 @@ def _faded(mesh: Mesh) -> Floats:
     out = np.zeros((len(rim), len(mesh.nodes)))
     out[nearest, np.arange(len(mesh.nodes))] = radius**4
     return out
+
+
+def _by_quarter(
+    membrane: Membrane,
+    quarter: Quarter,
+    guess: Floats,
+    pressure: float,
+    stiffness: Floats,
+    values: dict[str, float],
+) -> tuple[Floats, bool, int, int]:
+    """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
+    balance = _solved(quarter.even, guess[quarter.kept], pressure, stiffness, values)
+    stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
+    whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
+    if wrinkled:
+        wrinkled = membrane.state(whole, float(pressure), stiffness, tangent=False).wrinkled
+    return whole, stable, wrinkled, balance.factorisations + len(quarter.odd)
 
 
 def _solved(

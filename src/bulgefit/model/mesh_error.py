@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -55,12 +56,17 @@ def _on_mesh(virtual: VirtualTest, refine: int, shapes: Shapes) -> Floats:
     setup = replace(virtual.setup, refine=refine, correct_mesh=False)
     other = VirtualTest(virtual.test, setup, virtual.threads)
     here, there = virtual.circle.nodes, other.circle.nodes
-    between = smooth_value(here, there)
-    guess = np.stack([between @ one for one in shapes.displacement])
-    near = replace(shapes, displacement=guess, derivative={})
-    try:
-        found = other.shapes(shapes.values, near=near)
-    except SolveError:
-        found = other.shapes(shapes.values)
+    found = _found(other, shapes, here, there)
     back = smooth_value(there, here)
     return np.stack([back @ one for one in found.displacement])
+
+
+def _found(other: VirtualTest, shapes: Shapes, here: Floats, there: Floats) -> Shapes:
+    """Shapes of another mesh, by their own path where it is one of a quarter, else by these."""
+    if not other.description(shapes.values).is_plain:
+        between = smooth_value(here, there)
+        guess = np.stack([between @ one for one in shapes.displacement])
+        near = replace(shapes, displacement=guess, derivative={})
+        with suppress(SolveError):
+            return other.shapes(shapes.values, near=near)
+    return other.shapes(shapes.values)

@@ -59,8 +59,10 @@ class Operators:
         """Values (frames, points, 3) back to the nodes that take part: which, (frames, k, 3)."""
         if isinstance(self.value, np.ndarray):
             return np.arange(self.value.shape[1]), _applied(self.value.T, pull)
-        nodes, column = np.unique(self.value.indices, return_inverse=True)
-        shape = (self.value.shape[0], len(nodes))
+        seen = np.zeros(self.value.shape[1], dtype=bool)
+        seen[self.value.indices] = True
+        nodes, shape = np.flatnonzero(seen), (self.value.shape[0], int(seen.sum()))
+        column = (np.cumsum(seen, dtype=np.int32) - 1)[self.value.indices]
         own = sparse.csr_array((self.value.data, column, self.value.indptr), shape=shape)
         return nodes, _applied(own.T, pull)
 

@@ -7,12 +7,10 @@ an error in h²k²: that of a rougher pair over that of the finer one is (h_roug
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["coarser", "finer", "left_over", "richardson", "taken_off"]
+__all__ = ["coarser", "finer", "left_over", "taken_off"]
 
 Floats = NDArray[np.float64]
 
@@ -40,19 +38,3 @@ def left_over(refine: int, here: Floats, correction: Floats, coarse: Floats) -> 
         return None
     other = (here - coarse) / ((refine / low) ** 2 - 1.0)
     return np.asarray((other - correction) / ((high / low) ** 2 - 1.0))
-
-
-def richardson(
-    refine: int, here: Floats, on: Callable[[int], Floats]
-) -> tuple[Floats, float | None]:
-    """Correction of nodes, and the largest of what it leaves, mm.
-
-    Parameters
-    ----------
-    here : (..., n, 3) array, mm
-    on : callable
-        The same nodes as a mesh of another `refine` has them.
-    """
-    correction = taken_off(refine, here, on(finer(refine)))
-    left = left_over(refine, here, correction, on(coarser(refine)))
-    return correction, None if left is None else float(np.abs(left).max())

@@ -30,8 +30,9 @@ class Setup:
         Tension-field relaxation.
     evaluation : {"smooth", "shape", "rbf", "local-rbf"}
         Field evaluation at the measured points; see `bulgefit.model.observation`.
-    interpolation : {"dense", "study"}
-        In pressure: the path's dense output, or linear between the study's 200 levels.
+    interpolation : {"dense", "study", "none"}
+        In pressure: the path's dense output, linear between the study's 200 levels, or none: every
+        frame is balanced.
     tolerance : float, mm
         Of the dense output, for a radius of 100 mm.
     linear_solver : str or None
@@ -52,9 +53,9 @@ class Setup:
     correct_mesh: bool = True
 
     def __post_init__(self) -> None:
-        if self.interpolation not in ("dense", "study"):
+        if self.interpolation not in ("dense", "study", "none"):
             raise InputError(
-                f"interpolation: {self.interpolation!r} is unknown; choose from dense, study"
+                f"interpolation: {self.interpolation!r} is unknown; choose from dense, study, none"
             )
 
     @classmethod
@@ -68,5 +69,5 @@ class Setup:
     @property
     def corrects_mesh(self) -> bool:
         """Whether the mesh's error is taken off."""
-        smooth = self.evaluation == "smooth" and self.interpolation == "dense"
+        smooth = self.evaluation == "smooth" and self.interpolation != "study"
         return self.correct_mesh and smooth and self.mesh is None

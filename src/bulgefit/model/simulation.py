@@ -5,30 +5,28 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
 
-from bulgefit.errors import InputError, SolveError
-from bulgefit.fem.equilibrium import NewtonError, solve
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.registry import acting
+from bulgefit.errors import InputError
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
-from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, disc, ellipse
+from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh
 from bulgefit.fem.path import Path
-from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.relaxation import SLACK, TAUT, point_response
 from bulgefit.fem.trace import TOLERANCE
-from bulgefit.model.description import (
-    Description,
-    active_effects,
-    checked,
-    describe,
-    null_values,
-)
+from bulgefit.model.description import Description, checked
+from bulgefit.model.inflation import Inflation
+from bulgefit.model.mesh_error import correct_mesh as correct_mesh_of
+from bulgefit.model.mesh_error import mesh_remainder
 from bulgefit.model.parameters import Material, as_effects, as_values, material
-from bulgefit.model.richardson import richardson
-from bulgefit.model.smooth import smooth_value
+from bulgefit.model.setup import Setup
+from bulgefit.model.virtual_test import VirtualTest
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
 
@@ -36,9 +34,6 @@ Floats = NDArray[np.float64]
 
 #: Pressures up to which every shape is balanced on its own; more are read off the dense output.
 BALANCED_UP_TO = 20
-
-#: Where paths start, MPa; lighter pressures start them lower.
-_LOWEST = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,35 +47,38 @@ class Simulation:
     pressure : (k,) array, MPa
         As asked for, in that order.
     displacement : (k, n, 3) array, mm
-    path : Path
-        The traced path, for any other pressure up to the highest.
     error : float, mm
         Estimated error of the displacements against the exact solution on this mesh; 0 where
         every shape was balanced.
     wrinkled : (k,) int array
         Gauss points (4 a cell) without tension in some direction.
     stable : bool
-        Whether all balanced shapes on the way were stable.
+        Whether all shapes are stable.
     factorisations : int
+        Spent on the shapes, those of other meshes left out.
     seconds : float, s
         Wall time of the solution, first compilation included.
     mesh_error_taken_off, mesh_error : float or None, mm
         Largest change that took the mesh's error off, and largest of what is left of it; None
         where it was not taken off, or is not known.
+    inflation : Inflation
+    description : Description
+        Of the specimen.
     """
 
     membrane: Membrane
     material: Material
     pressure: Floats
     displacement: Floats
-    path: Path
     error: float
     wrinkled: NDArray[np.int64]
     stable: bool
     factorisations: int
     seconds: float
-    mesh_error_taken_off: float | None = None
-    mesh_error: float | None = None
+    mesh_error_taken_off: float | None
+    mesh_error: float | None
+    inflation: Inflation
+    description: Description
 
     def __repr__(self) -> str:
         loads = 10.0 * self.pressure
@@ -93,6 +91,12 @@ class Simulation:
     def mesh(self) -> Mesh:
         """The mesh."""
         return self.membrane.mesh
+
+    @cached_property
+    def path(self) -> Path:
+        """The path up to the highest pressure, for any other; traced when first asked for."""
+        with one_blas_thread():
+            return self.inflation.path(self.description, self.material.values, sensitivities=False)
 
     @property
     def apex(self) -> Floats:
@@ -119,7 +123,7 @@ class Simulation:
         corners = (membrane.reference + self.displacement[index])[self.mesh.cells]
         f = np.einsum("mai,mgaj->mgij", corners, membrane.surface.gradient)
         c = np.einsum("mgki,mgkj->mgij", f, f)
-        q, law = membrane.law_parameters(self.material.stiffness()), LAWS[membrane.law]
+        q, law = membrane.law_parameters(self.description.stiffness), LAWS[membrane.law]
         out = np.empty((*c.shape[:2], 10))
         state = np.empty(c.shape[:2], dtype=np.int64)
         for at in np.ndindex(*state.shape):
@@ -205,151 +209,87 @@ def simulate(
         parameters = material(
             "orthotropic", **as_values(parameters, "material", "E1, E2, G12 (MPa) and nu12")
         )
-    effects = as_effects(effects)
-    own = mesh is None
-    if not abs(ellipticity) < 1.0:
-        raise InputError(f"ellipticity must lie between -1 and 1, got {ellipticity:g}")
-    if mesh is None:
-        mesh = ellipse(radius, ellipticity, refine)
-    elif ellipticity:
-        raise InputError("ellipticity: is for the default mesh; a given one has its own rim")
-    if mesh.apex in mesh.rim:
-        raise InputError(
-            "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
-            "centre, with nodes inside"
-        )
-    stretch = np.array([1.0 + ellipticity, 1.0 - ellipticity])
-    given = _described(mesh, stretch, parameters, loads, effects)
-    membrane = Membrane(
-        mesh,
-        thickness,
-        law,
+    setup = Setup(
+        law=law,
+        mesh=mesh,
+        refine=refine,
         relaxation=relaxation,
-        angle=np.deg2rad(angle) + given.angle,
-        solver=linear_solver,
-        fabric=given.fabric,
+        interpolation="none" if len(loads) <= BALANCED_UP_TO else "dense",
+        tolerance=tolerance,
+        linear_solver=linear_solver,
+        correct_mesh=correct_mesh,
     )
-    balanced = _pressures(given.load.balanced)
-    with threadpool_limits(1):  # so that results do not depend on the machine's cores
-        found = _balanced(membrane, given.stiffness, balanced, tolerance, parameters)
-        correction, left = None, None
-        if own and correct_mesh:
-            correction, left = _mesh_error(
-                membrane, radius, stretch, refine, found.displacement, parameters, effects,
-                loads, tolerance,
-            )  # fmt: skip
-        displacement = found.displacement if correction is None else found.displacement + correction
+    virtual = _virtual(mesh, radius, ellipticity, thickness, loads, setup)
+    values = {**parameters.constants(), **_turned(as_effects(effects), angle)}
+    return _simulated(virtual, parameters, values, began)
+
+
+def _simulated(
+    virtual: VirtualTest, made: Material, values: dict[str, float], began: float
+) -> Simulation:
+    """Shapes at a virtual test's pressures; InputError, SolveError."""
+    checked(values)
+    balanced = _pressures(virtual.load(values).balanced)
+    with one_blas_thread():  # so that results do not depend on the machine's cores
+        shapes = virtual.shapes(values)
+        correct_mesh_of(virtual, shapes)
+        left = mesh_remainder(virtual, shapes)
+        given = virtual.description(values)
+        membrane = virtual.inflation.membrane(given)
         wrinkled = [
             membrane.state(u, p, given.stiffness, tangent=False).wrinkled
-            for u, p in zip(found.displacement, balanced, strict=True)
+            for u, p in zip(shapes.displacement, balanced, strict=True)
         ]
+    displacement, correction = shapes.displacement, virtual.correction
     return Simulation(
         membrane=membrane,
-        material=parameters,
-        pressure=loads,
-        displacement=displacement,
-        path=found.path,
-        error=found.error,
+        material=made,
+        pressure=virtual.recorded,
+        displacement=displacement if correction is None else displacement + correction,
+        error=shapes.error,
         wrinkled=np.array(wrinkled),
-        stable=found.stable,
-        factorisations=found.work,
+        stable=bool(shapes.stable.all()),
+        factorisations=shapes.factorisations,
         seconds=time.perf_counter() - began,
         mesh_error_taken_off=None if correction is None else float(np.abs(correction).max()),
-        mesh_error=left,
+        mesh_error=None if left is None else float(np.abs(left).max()),
+        inflation=virtual.inflation,
+        description=given,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """Shapes of one mesh."""
-
-    displacement: Floats
-    path: Path
-    error: float
-    stable: bool
-    work: int
-
-
-def _balanced(
-    membrane: Membrane, stiffness: Floats, loads: Floats, tolerance: float, made: Material
-) -> _Solved:
-    """A path, and each shape balanced on its own where they are few; raises SolveError."""
-    path = trace_by_quarter(
-        membrane,
-        stiffness,
-        (min(_LOWEST, loads.min()), loads.max()),
-        tolerance=tolerance,
-        parameters=made.values,
-        beyond_ellipticity=True,
-    )
-    displacement, work, stable = path(loads), path.factorisations, bool(path.stable.all())
-    if len(loads) > BALANCED_UP_TO:
-        return _Solved(displacement, path, path.error_estimate, stable, work)
-    for i, load in enumerate(loads):
-        if np.isclose(load, path.pressure, rtol=1e-14, atol=0.0).any():
-            continue
-        try:
-            balance = solve(membrane, displacement[i], load, stiffness, follow=True)
-        except NewtonError as error:
-            raise SolveError(
-                f"no equilibrium near the traced path: {error.reason}",
-                pressure=load,
-                reached=path.pressure[path.pressure < load].max(),
-                iteration=error.iteration,
-                residual_norm=error.residual_norm,
-                parameters=made.values,
-            ) from error
-        displacement[i] = balance.displacement
-        work += balance.factorisations
-        stable = stable and balance.stable
-    return _Solved(displacement, path, 0.0, stable, work)
-
-
-def _mesh_error(
-    like: Membrane,
+def _virtual(
+    mesh: Mesh | None,
     radius: float,
-    stretch: Floats,
-    refine: int,
-    here: Floats,
-    made: Material,
-    effects: Mapping[str, float],
+    ellipticity: float,
+    thickness: float,
     loads: Floats,
-    tolerance: float,
-) -> tuple[Floats | None, float | None]:
-    """What takes the mesh's error off (k, n, 3) mm, and the largest of what is left of it, mm."""
-
-    def on(other: int) -> Floats:
-        circle = disc(radius, other)
-        mesh = Mesh(circle.nodes * stretch, circle.cells)
-        given = _described(mesh, stretch, made, loads, effects)
-        membrane = Membrane(
-            mesh, like.thickness, like.law, relaxation=like.relaxation, angle=like.angle,
-            solver=like.forced, fabric=given.fabric,
-        )  # fmt: skip
-        balanced = _pressures(given.load.balanced)
-        there = _balanced(membrane, given.stiffness, balanced, tolerance, made).displacement
-        back = smooth_value(circle.nodes, like.mesh.nodes / stretch)
-        return np.stack([back @ one for one in there])
-
-    try:
-        return richardson(refine, here, on)
-    except SolveError:
-        return None, None
+    setup: Setup,
+) -> VirtualTest:
+    """The virtual twin of a test in which no point is measured."""
+    if not abs(ellipticity) < 1.0:
+        raise InputError(f"ellipticity must lie between -1 and 1, got {ellipticity:g}")
+    if mesh is not None:
+        if ellipticity:
+            raise InputError("ellipticity: is for the default mesh; a given one has its own rim")
+        if mesh.apex in mesh.rim:
+            raise InputError(
+                "mesh: its node nearest the centre (0, 0) lies on its rim; give a disc about the "
+                "centre, with nodes inside"
+            )
+        radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
+    test = BulgeTest("simulation", (), loads, radius, thickness, ellipticity=ellipticity)
+    # any outline will do: there are no points that a mesh could fail to cover
+    inflation = Inflation(radius, thickness, float(loads.max()), setup, ellipticity)
+    return VirtualTest(test, setup, inflation=inflation)
 
 
-def _described(
-    mesh: Mesh, stretch: Floats, made: Material, loads: Floats, effects: Mapping[str, float]
-) -> Description:
-    """The specimen that material and effects describe; InputError."""
-    checked(effects)
-    values = {**made.constants(), **effects}
-    nulls = null_values(made.constants()["nu12"])
-    radius = float(np.hypot(*(mesh.nodes[mesh.rim] / stretch).T).max())
-    active = active_effects(values, nulls)
-    given = describe(mesh, radius, loads, None, values, active, stretch=stretch)
-    if given.edge is not None:
-        raise InputError("simulate: a rim that moves is known to fit and predict alone")
-    return given
+def _turned(effects: dict[str, float], angle: float) -> dict[str, float]:
+    """Effects with the warp turned so far (degree) beside what they turn it."""
+    if angle == 0.0:
+        return effects
+    name = next(f"{e.id}.{e.turn}" for e in acting().values() if e.turn)
+    return {**effects, name: effects.get(name, 0.0) + angle}
 
 
 def _pressures(pressure: ArrayLike) -> Floats:

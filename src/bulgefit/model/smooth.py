@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 NEIGHBOURS = 36
 _TERMS = 10  # of a cubic in x and y
 _CHUNK = 500  # points at a time: their systems are 17 kB each
+_SYSTEMS = 32  # inverted at a time: with what they are made of they stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,9 @@ class _Stencils:
     def inverse_of(self, own: NDArray[np.intp]) -> Floats:
         """`inverse` of nodes (m,)."""
         missing = np.unique(own[~self.made[own]])
-        self.inverse[missing] = _inverse(self.place[missing])
+        for first in range(0, len(missing), _SYSTEMS):
+            some = missing[first : first + _SYSTEMS]
+            self.inverse[some] = _inverse(self.place[some])
         self.made[missing] = True
         return self.inverse[own]
 

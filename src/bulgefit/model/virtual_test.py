@@ -151,7 +151,8 @@ class VirtualTest:
         )
         straight = here.fabric.is_straight
         straight = straight or not any(name in CONSTANTS for name in changes)
-        if here.is_plain and constant and same and straight:
+        along = self.setup.interpolation != "none"
+        if along and here.is_plain and constant and same and straight:
             return self.inflation.along_path(here, given, changes)
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
@@ -196,6 +197,10 @@ class VirtualTest:
             self.mesh, test.radius, self.recorded, self.time, values, active,
             slips=slips, stretch=test.stretch,
         )  # fmt: skip
+
+    def description(self, values: Values) -> Description:
+        """The specimen in its clamp under its load."""
+        return self._describe({"nu12": self.test.poisson_ratio, **values}, slips=False)
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""

@@ -17,7 +17,15 @@ from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Block
 from bulgefit.report.record import SIGNIFICANT, Record
 
-__all__ = ["blocks_of", "budget_labels", "moduli_rows", "names_of", "table", "verdict_words"]
+__all__ = [
+    "alarms_of",
+    "blocks_of",
+    "budget_labels",
+    "moduli_rows",
+    "names_of",
+    "table",
+    "verdict_words",
+]
 
 _MOST_PARAMETERS, _MOST_CELLS, _MOST_MODES = 9, 6, 5
 #: Parameters of a form that are named one by one.
@@ -31,7 +39,8 @@ _GAP_COLUMNS = ("dx", "dy", "dz", "e", "e_w", "chi")
 
 def table(record: Record) -> str:
     """The diagnosis to read on a terminal."""
-    lines = [f"verdict: {record['verdict']}", *_wrapped(verdict_words(record))]
+    lines = [line for alarm in alarms_of(record) for line in _wrapped(alarm, "WARNING: ")]
+    lines += [f"verdict: {record['verdict']}", *_wrapped(verdict_words(record))]
     for cause in record["causes"]:
         lines += ["", f"{_with_rivals(record, cause)}: {cause['meaning']}"]
         rows = list(_parameters(record, cause))
@@ -61,6 +70,11 @@ def table(record: Record) -> str:
         for item in items:
             lines += _wrapped(item, f"{title}: ")
     return "\n".join(lines)
+
+
+def alarms_of(record: Record) -> list[str]:
+    """What makes results meaningless; nothing is known of it where an earlier version wrote."""
+    return list(record.get("alarms", ()))
 
 
 def blocks_of(record: Record) -> dict[str, list[Block]]:

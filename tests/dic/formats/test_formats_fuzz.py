@@ -72,6 +72,18 @@ def made(kind, truth, path, frame):
         path.write_bytes(text_frame(header, point, moved, separator=" "))
     elif kind == "matlab":
         savemat(path, dict(zip("XYZUVW", np.hstack([point, moved]).T, strict=True)))
+    elif kind == "matlab areas":
+        names, columns = "XYZUVW", np.hstack([point, moved]).T
+        areas = {"_0": slice(0, 20), "_1": slice(20, None)}
+        savemat(
+            path,
+            {
+                f"{name}{end}": column[rows]
+                for name, column in zip(names, columns, strict=True)
+                for end, rows in areas.items()
+            },
+            do_compression=True,
+        )
     else:
         with h5py.File(path, "w") as file:
             for group, name, vectors in (
@@ -90,6 +102,7 @@ def made(kind, truth, path, frame):
         ("aramis", ".txt"),
         ("tecplot", ".dat"),
         ("matlab", ".mat"),
+        ("matlab areas", ".mat"),
         ("istra4d", ".hdf5"),
     ],
 )
@@ -103,6 +116,25 @@ def test_damaged_exports_end_in_one_line(truth, tmp_path, kind, suffix):
     for _ in range(TRIES):
         paths[1].write_bytes(damaged(whole, rng))
         line = refusal(tmp_path, pressure="names")
+        assert "\n" not in line
+        assert len(line) < 2000
+
+
+def test_a_damaged_matchid_test_ends_in_one_line(truth, tmp_path):
+    path, options = tmp_path / "test.h5", {"pressure_column": "Force", "pressure_unit": "bar"}
+    names = ("X", "Y", "Z", "Horizontal Displacement U", "Vertical Displacement V")
+    position = truth.reference + truth.displacement
+    columns = np.concatenate([position, truth.displacement], axis=2)
+    with h5py.File(path, "w") as file:
+        for i, name in enumerate((*names, "Out-Of-Plane: W")):
+            file[f"DIC Data/Point Data/{name}"] = columns[..., i]
+        file["DIC Data/Mapping Data/Spatial - Point Locations"] = truth.pixels
+        file["DIC Data/Temporal Data/Force"] = 10 * truth.pressure[None]
+    assert read_test(path, **SPECIMEN, **options).n_points == 81
+    whole, rng = path.read_bytes(), random.Random("matchid")
+    for _ in range(TRIES // 6):  # each is read in a process of its own
+        path.write_bytes(damaged(whole, rng))
+        line = refusal(path, **options)
         assert "\n" not in line
         assert len(line) < 2000
 

@@ -20,10 +20,11 @@ Floats = NDArray[np.float64]
 _BAR = 0.1
 #: Standard deviation (bar) of the error in the middle of the range.
 _MIDDLE = 0.01
-#: k of sin(kπ p/p_max). What the error is at no pressure is an offset, which has an effect of its
-#: own; at the highest (`end`) a gain, which nothing shows, so that it only widens the errors of the
-#: moduli. Between the two an error that walks, smoothly or in steps, is a Brownian bridge: terms of
-#: standard deviations √2 σ/kπ, with σ/2 in the middle (Karhunen and Loève).
+#: k of sin(kπ p/p_max). What the error is at no pressure (`start`) is an offset, which has an
+#: effect of its own where it is alone; at the highest (`end`) a gain, which nothing shows, so that
+#: it only widens the errors of the moduli. Between the two an error that walks, smoothly or in
+#: steps, is a Brownian bridge: terms of standard deviations √2 σ/kπ, with σ/2 in the middle
+#: (Karhunen and Loève).
 _WAYS = (1, 2, 3, 4, 5, 6)
 
 
@@ -40,7 +41,7 @@ def _part(name: str, prior: float) -> Parameter:
 
 
 class PressureField(Field):
-    """Recorded minus true pressure: end p/p_max + Σ s_k sin(kπ p/p_max), p recorded."""
+    """Recorded minus true pressure, start (1 - τ) + end τ + Σ s_k sin kπτ, τ = p/p_max recorded."""
 
     id = "pressure_field"
     place = "load"
@@ -49,6 +50,7 @@ class PressureField(Field):
     quantity = "recorded minus true pressure"
     unit = "bar"
     parameters = (
+        _part("start", _MIDDLE),
         _part("end", _MIDDLE),
         *(_part(f"s{k}", 2.0 * _MIDDLE * math.sqrt(2.0) / (k * math.pi)) for k in _WAYS),
     )
@@ -69,7 +71,7 @@ def _error(own: Own, recorded: Floats) -> Floats:
     """Recorded minus true pressure (frames,), bar."""
     share = recorded / recorded.max()
     between = sum(own[f"s{k}"] * np.sin(k * np.pi * share) for k in _WAYS)
-    return np.asarray(own["end"] * share + between)
+    return np.asarray(own["start"] * (1.0 - share) + own["end"] * share + between)
 
 
 EFFECT = PressureField()

@@ -55,8 +55,12 @@ def _answer(record: Record) -> Answer:
     use = f"Use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
     dont = f"do not use {listed(rest)}" if rest else ""
     headline = "; ".join(filter(None, (use, dont)))
-    tone = "good" if not rest and record["verdict"] in (Verdict.NONE, Verdict.NAMED) else "care"
-    notes = [f"**Verdict: {record['verdict']}.** {words.verdict_words(record)}"]
+    clear = record["verdict"] in (Verdict.NONE, Verdict.NAMED)
+    tone = "good" if clear and not rest and not words.alarms_of(record) else "care"
+    notes = [
+        *words.alarms_of(record),
+        f"**Verdict: {record['verdict']}.** {words.verdict_words(record)}",
+    ]
     if record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN):
         notes.append(
             "What has no name may shift the moduli by more than these limits: take them as those "

@@ -1,0 +1,357 @@
+"""Does a test fail where a kernel, a law, an effect, the noise or the evidence is wrong?
+
+    python benchmarks/mutations.py [--only 0:20] [--results mutations.json]
+
+A copy of the sources is broken in one place after another, by a sign, a factor, an index or a unit,
+and the tests that should notice are run in it. What none of them notices survives, and the command
+leaves with status 1. The tests are run in the unbroken copy before: what fails there tells nothing.
+Results are kept in a file, so that slices add up and only what survived is tried again; `--table`
+prints all of it for docs/verification.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parents[1]
+COPIED = ("src", "tests", "data", "docs", "pyproject.toml")
+#: A test that takes longer hangs: a mutant that never ends is caught as well.
+TIME_LIMIT = 600.0
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One thing that is wrong.
+
+    Attributes
+    ----------
+    file : str
+        Below src/bulgefit.
+    old, new : str
+        `old` stands in the file once.
+    tests : str
+        What pytest is told, below tests.
+    """
+
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+SIGNS = "effects/test_effects_signs.py"
+TRIAL = "trial/test_trial_effects.py"
+NOISE = "gap/test_gap_noise.py"
+EVIDENCE = "gap/test_gap_evidence.py"
+LAWS = "fem/test_laws.py"
+CONSISTENCY = "fem/test_consistency.py"
+OBJECTIVE = "fitting/test_inverse_objective.py"
+NEWS = "fitting/test_bad_news.py"
+TURNS = "properties/test_properties_solver.py"
+
+MUTANTS = (
+    # effects
+    Mutant("effects/clamp_lobes.py", '+ own["s3"] *', '- own["s3"] *', SIGNS),
+    Mutant("effects/clamp_shape.py", "grown * (1.0 - oval)", "grown * (1.0 + oval)", SIGNS),
+    Mutant("effects/initial_shape.py", '["s2"] * 2 * x', '["s2"] * x', TURNS),
+    Mutant("effects/initial_shape.py", '["hx"] * x + ', '["hx"] * y + ', TURNS),
+    Mutant("effects/initial_shape.py", "(1.0 - square) * inside", "inside", TURNS),
+    Mutant("effects/clamp_slip.py", '0.0) + own["compl', '0.0) + 2.0 * own["compl', SIGNS),
+    Mutant("effects/prestrain.py", 'y + own["slack_y"]', 'y - own["slack_y"]', SIGNS),
+    Mutant("effects/rim_lift.py", "angle - np.deg2rad", "angle + np.deg2rad", SIGNS),
+    Mutant("effects/places.py", "(-shape * bar) / shape if", "(-shape * bar) if", SIGNS),
+    Mutant("effects/creep.py", "np.log10(1 +", "np.log(1 +", f"{SIGNS} {TRIAL}"),
+    Mutant("effects/creep.py", '(1.0 - own["rate"]', '(1.0 + own["rate"]', f"{SIGNS} {TRIAL}"),
+    Mutant("effects/poisson_ratio.py", 'nu12=own["nu12"]', 'nu12=0.5 * own["nu12"]', SIGNS),
+    Mutant("effects/specimen_factor.py", 'E2=own["fill"]', 'E2=own["warp"]', SIGNS),
+    Mutant("effects/stiffness_gradient.py", "1.0 + cloth", "1.0 - cloth", SIGNS),
+    Mutant("effects/pressure_offset.py", "applied - _BAR", "applied + _BAR", SIGNS),
+    Mutant("effects/pressure_offset.py", '_BAR * own["', 'own["', SIGNS),
+    Mutant("effects/pressure_gain.py", "/ (1.0 + own", "* (1.0 + own", SIGNS),
+    Mutant("effects/fixture_motion.py", "scene.pressure / _BAR", "scene.pressure", SIGNS),
+    Mutant(
+        "effects/registration.py",
+        'return own["x0"], own["y0"]',
+        'return own["y0"], own["x0"]',
+        SIGNS,
+    ),
+    Mutant("effects/rigid_motion.py", "np.tile(shift", "np.tile(-shift", SIGNS),
+    Mutant("effects/dic_scale.py", "return seen / (", "return seen * (", SIGNS),
+    Mutant(
+        "effects/depth_scale.py",
+        '[1.0, 1.0, 1.0 + own["scale_z"]]',
+        '[1.0, 1.0 + own["scale_z"], 1.0]',
+        SIGNS,
+    ),
+    Mutant("effects/lens_distortion.py", "square / radius**2", "square / radius", SIGNS),
+    Mutant("effects/reference_state.py", "moved - flattened", "moved + flattened", SIGNS),
+    Mutant("effects/frame_misalignment.py", "as_matrix().T", "as_matrix()", SIGNS),
+    Mutant("effects/axis_misalignment.py", "cloth.angle + own", "cloth.angle - own", SIGNS),
+    # what cameras see, units, elastic constants, the mesh's error
+    Mutant("model/camera.py", "out, _turn(scene).swapaxes(1, 2))", "out, _turn(scene))", SIGNS),
+    Mutant(
+        "model/camera.py",
+        "standing = np.column_stack([places.position, reference[:, 2]])",
+        "standing = np.column_stack([places.position, 0 * reference[:, 2]])",
+        f"{SIGNS} {TRIAL}",
+    ),
+    Mutant(
+        "model/richardson.py",
+        "* ratio / (ratio - 1.0)",
+        "/ (ratio - 1.0)",
+        "fitting/test_quality.py",
+    ),
+    Mutant(
+        "fem/elasticity.py",
+        "nu12 * e2 * shrink, g12",
+        "nu12 * e1 * shrink, g12",
+        "model/test_model_parameters.py",
+    ),
+    Mutant(
+        "fem/elasticity.py",
+        "(1.0 - nu12**2 * e2 / e1)",
+        "(1.0 - nu12**2 * e1 / e2)",
+        "model/test_model_parameters.py",
+    ),
+    Mutant("dic/units.py", "/ 25.4**2", "/ 25.4", "dic/test_dic_suspicions.py"),
+    Mutant("dic/units.py", '"mbar": 1e-4', '"mbar": 1e-5', "dic/formats/test_formats_pressures.py"),
+    Mutant(
+        "dic/suspicions/sizes.py",
+        "(1 - poisson_ratio) * pressure",
+        "(1 + poisson_ratio) * pressure",
+        "dic/test_dic_suspicions.py",
+    ),
+    # fits
+    Mutant(
+        "fitting/guess.py", "0.5 * pressure * radius", "pressure * radius", "fitting/test_guess.py"
+    ),
+    Mutant("fitting/l1.py", "return -(self.scale * pull)", "return (self.scale * pull)", OBJECTIVE),
+    Mutant("fitting/l1.py", "0.5 * left**2 if", "left**2 if", OBJECTIVE),
+    Mutant(
+        "fitting/objective.py",
+        "0.5 * (largest[0] + largest[1])",
+        "(largest[0] + largest[1])",
+        OBJECTIVE,
+    ),
+    Mutant(
+        "fitting/uncertainty.py",
+        "np.sqrt(2.0 / np.pi)",
+        "np.sqrt(np.pi / 2.0)",
+        "fitting/test_uncertainty.py",
+    ),
+    Mutant("fitting/uncertainty.py", "max(1.4826 *", "max(1.0 *", "fitting/test_uncertainty.py"),
+    Mutant("fitting/uncertainty.py", "(vectors[:, ~seen] ** 2)", "(vectors[:, seen] ** 2)", NEWS),
+    Mutant(
+        "fitting/problem.py",
+        "- prior.mean) / prior.deviation**2 *",
+        "- prior.mean) / prior.deviation *",
+        "fitting/test_options.py",
+    ),
+    Mutant(
+        "fitting/quality.py",
+        "1.0 - 1.0 / max(misfit",
+        "1.0 / max(misfit",
+        "fitting/test_quality.py",
+    ),
+    Mutant("fitting/optima.py", "0.5 * (z + end)", "end", NEWS),
+    # noise
+    Mutant(
+        "dic/noise.py",
+        "left / np.sqrt(1.0 + weights @ weights)",
+        "left",
+        f"{NOISE} fitting/test_quality.py",
+    ),
+    Mutant(
+        "dic/noise.py",
+        "left = np.sqrt(np.maximum(1.0 - projector[:, 0], 0.05))",
+        "left = np.maximum(1.0 - projector[:, 0], 0.05)",
+        NOISE,
+    ),
+    Mutant("dic/noise.py", "1.0 + density * area", "1.0 + 2.0 * density * area", NOISE),
+    Mutant("dic/noise.py", "(1, 2.0 * np.pi), (2, np.pi)", "(1, np.pi), (2, np.pi)", NOISE),
+    Mutant(
+        "dic/noise.py",
+        "(found.inflation - 1.0) * count / MOST_POINTS",
+        "(found.inflation - 1.0)",
+        NOISE,
+    ),
+    Mutant(
+        "dic/noise.py",
+        "np.nanmean(field, axis=1, keepdims=True)",
+        "np.nanmean(field, axis=0, keepdims=True)",
+        NOISE,
+    ),
+    Mutant("dic/noise.py", "share * frames + (1.0 - share)", "share + (1.0 - share)", NOISE),
+    # evidence
+    Mutant(
+        "gap/evidence/laplace.py",
+        "log_det + 2.0 * np.log(width)",
+        "log_det - 2.0 * np.log(width)",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/laplace.py", "value - slope @ step", "value + slope @ step", EVIDENCE),
+    Mutant(
+        "gap/evidence/laplace.py",
+        ".sum() - np.log(scale).sum()",
+        ".sum() + np.log(scale).sum()",
+        EVIDENCE,
+    ),
+    Mutant(
+        "gap/evidence/laplace.py",
+        "here.square - 2.0 * change",
+        "here.square + 2.0 * change",
+        EVIDENCE,
+    ),
+    Mutant(
+        "gap/evidence/laplace.py",
+        "inflation - away / width**2",
+        "inflation - away / width",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/laplace.py", "2.0 * (prior - inside)", "2.0 * (inside - prior)", EVIDENCE),
+    Mutant("gap/evidence/laplace.py", "held & (pull > 0.0)", "held & (pull < 0.0)", EVIDENCE),
+    Mutant("gap/evidence/orthant.py", "0.5 * push**2 / rest", "push**2 / rest", EVIDENCE),
+    Mutant("gap/evidence/orthant.py", "(1.0 - 6.0 / z**2)", "(1.0 + 6.0 / z**2)", EVIDENCE),
+    Mutant("gap/evidence/probability.py", "np.exp(-0.5 * (np", "np.exp(-1.0 * (np", EVIDENCE),
+    # laws and kernels
+    Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),
+    Mutant(
+        "fem/laws/hencky.py", "2 * m * h / det2, 2 * m * k", "-2 * m * h / det2, 2 * m * k", LAWS
+    ),
+    Mutant("fem/laws/svk.py", "1.0 + 2.0 * q[4], 1.0", "1.0 + q[4], 1.0", f"{LAWS} {CONSISTENCY}"),
+    Mutant("fem/laws/yarn.py", "h33 * g2 * b - t3", "h33 * g2 * b + t3", LAWS),
+    Mutant("fem/laws/potential.py", "q[1] + 2.0 * q[7] * p2", "q[1] + q[7] * p2", LAWS),
+    Mutant(
+        "fem/laws/potential.py", "t1, h1 = t1 + curved_1, h1", "t1, h1 = t1 - curved_1, h1", LAWS
+    ),
+    Mutant(
+        "fem/cells.py",
+        "f1 * stress[2, c] + f2 * stress[1, c]",
+        "f1 * stress[2, c] + f2 * stress[0, c]",
+        CONSISTENCY,
+    ),
+    Mutant(
+        "fem/cells.py", "blocks[block, 2, 1, c] += x", "blocks[block, 2, 1, c] -= x", CONSISTENCY
+    ),
+    Mutant(
+        "fem/cells.py",
+        "at[9, c] * e22 + at[6, c] * e12",
+        "at[9, c] * e22 + at[5, c] * e12",
+        CONSISTENCY,
+    ),
+    Mutant(
+        "fem/kernels.py",
+        "work(lift, corners, count) / 3.0",
+        "work(lift, corners, count) / 2.0",
+        CONSISTENCY,
+    ),
+)
+
+
+def check() -> None:
+    """Leave where a mutant is none, since its file has changed."""
+    for mutant in MUTANTS:
+        text = (HERE / "src" / "bulgefit" / mutant.file).read_text()
+        if text.count(mutant.old) != 1:
+            sys.exit(f"{mutant.file}: {mutant.old!r} stands there {text.count(mutant.old)} times")
+
+
+@contextmanager
+def broken(path: Path, mutant: Mutant) -> Iterator[None]:
+    """The file with what is wrong in it; afterwards as it was, for caches of what is compiled."""
+    text, times = path.read_text(), path.stat()
+    path.write_text(text.replace(mutant.old, mutant.new))
+    try:
+        yield
+    finally:
+        path.write_text(text)
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def failing(copy: Path, tests: str) -> str:
+    """The first test that fails; empty where all pass."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+    command += [f"tests/{name}" for name in tests.split()]
+    environment = {**os.environ, "PYTHONPATH": str(copy / "src")}
+    try:
+        done = subprocess.run(
+            command, cwd=copy, env=environment, capture_output=True, text=True,
+            timeout=TIME_LIMIT, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return "no end"
+    if done.returncode == 0:
+        return ""
+    found = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", done.stdout, re.MULTILINE)
+    if found is None or done.returncode != 1:
+        sys.exit(f"{tests}: pytest ended with {done.returncode}\n{done.stdout}{done.stderr}")
+    return found.group(1)
+
+
+def table(results: dict[str, str]) -> str:
+    """Of all mutants with a result, for docs/verification.md."""
+    lines = ["| in | instead of | stands | caught by |", "|---|---|---|---|"]
+    for mutant in MUTANTS:
+        if (caught := results.get(_key(mutant))) is not None:
+            by = f"`{caught.rpartition('/')[2]}`" if caught else "**nothing**"
+            lines.append(f"| `{mutant.file}` | `{mutant.old}` | `{mutant.new}` | {by} |")
+    return "\n".join(lines).replace(" | nothing", " | ")
+
+
+def _key(mutant: Mutant) -> str:
+    return f"{mutant.file}: {mutant.old} -> {mutant.new}"
+
+
+def main() -> int:
+    """Break, test and tell."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default=":", metavar="FROM:TO", help="a slice of the mutants")
+    parser.add_argument("--results", type=Path, default=Path("mutations.json"))
+    parser.add_argument("--table", action="store_true", help="print what was found so far")
+    args = parser.parse_args()
+    results = json.loads(args.results.read_text()) if args.results.exists() else {}
+    if args.table:
+        print(table(results))
+        return 0
+    check()
+    first, last = (int(end) if end else None for end in args.only.split(":"))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        for name in COPIED:
+            one = HERE / name
+            (shutil.copytree if one.is_dir() else shutil.copy2)(one, copy / name)
+        chosen = MUTANTS[first:last]
+        todo = sorted(
+            (mutant for mutant in chosen if not results.get(_key(mutant))),
+            key=lambda mutant: mutant.tests,
+        )
+        for tests, group in groupby(todo, key=lambda mutant: mutant.tests):
+            if failed := failing(copy, tests):
+                sys.exit(f"{failed} fails where nothing is wrong")
+            for mutant in group:
+                began = time.perf_counter()
+                with broken(copy / "src" / "bulgefit" / mutant.file, mutant):
+                    results[_key(mutant)] = caught = failing(copy, tests)
+                args.results.write_text(json.dumps(results, indent=1))
+                seconds = time.perf_counter() - began
+                print(f"{caught or 'SURVIVES'}: {_key(mutant)} ({seconds:.0f} s)", flush=True)
+    here = [results[_key(mutant)] for mutant in chosen]
+    print(f"{sum(map(bool, here))} of {len(here)} mutants are caught")
+    return 0 if all(here) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
