@@ -12,7 +12,7 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
-from bulgefit.errors import SolveError
+from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
@@ -310,6 +310,23 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
         assert 0.4 < fit.x[0] <= 0.5
         solves[roughly] = problem.solves
     assert solves[True] < solves[False] - 2
+
+
+def test_a_landing_without_derivatives_is_refused():
+    """As beside a modulus of nothing: the descent stays where it has some."""
+
+    class Flat(Known):
+        def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+            if len(columns) and x[0] > 0.5:
+                raise InputError("G12 must be positive")
+            return super().linearise(x, columns, near)
+
+    problem = Flat([group("a", [1.0])], np.full(5, 10.0), lambda x: (x[0] * np.full(5, 10.0),
+                   np.full((5, 1), 10.0)))  # fmt: skip
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(1))
+    assert 0.4 < fit.x[0] <= 0.5
+    assert not fit.converged
 
 
 def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():

@@ -49,3 +49,11 @@ def test_what_is_not_named_stands_at_its_null(
     assert spent == [1, 1]
     afresh = virtual.shapes(there)
     np.testing.assert_allclose(found.displacement, afresh.displacement, atol=1e-7)
+
+
+def test_a_difference_by_a_modulus_keeps_it_above_zero() -> None:
+    virtual = plain()
+    for modulus in MODULI:
+        low, high = virtual.span(modulus, {**MODULI, modulus: 1e-6})
+        assert 0.0 < low < 1e-6 < high
+    assert virtual.span("G12", MODULI) == (20.0 - 1e-3, 20.0 + 1e-3)

@@ -48,6 +48,8 @@ Floats = NDArray[np.float64]
 _WINDOW_STEP = 4.0
 #: Sets of operators at the points that are kept: points that move make new ones.
 _KEPT = 8
+#: Of a modulus, the largest part by which a difference steps: it stays above zero, however soft.
+_SOFT = 1e-3
 #: Hooks that move points over the fabric.
 _PLACING = ("locate", "centre", "outline")
 
@@ -217,7 +219,10 @@ class VirtualTest:
     def span(self, name: str, values: Values) -> tuple[float, float]:
         """Values below and above a parameter's."""
         if name in CONSTANTS:
-            return values[name] - CONSTANTS[name], values[name] + CONSTANTS[name]
+            step = CONSTANTS[name]
+            if name != "nu12":
+                step = min(step, _SOFT * values[name])
+            return values[name] - step, values[name] + step
         effect, _, parameter = name.partition(".")
         return effect_named(effect).span(parameter, self._value(name, values))
 

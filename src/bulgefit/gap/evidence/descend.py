@@ -133,15 +133,17 @@ def descend(
             converged = unheld
             break
         landed = _landed(problem, layout, here, step, damped)
-        gained = -np.inf
+        gained, ahead = -np.inf, None
         if landed is not None:
             gained = value - quadratic(landed, layout, columns, problem.inflation)[0]
+            ahead = _slopes(problem, landed) if gained > 0.0 else None
+            gained = gained if ahead is not None else -np.inf
         if gained < 0.25 * promised:
             reach = 0.3 * size
         elif gained > 0.75 * promised and not unheld:
             reach *= 3.0
-        if landed is not None and gained > 0.0:
-            here = problem.linearise(landed.x, columns, landed.near)
+        if ahead is not None:
+            here = ahead
             taken += 1
             if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
@@ -156,6 +158,14 @@ def descend(
     # where a step that was not taken would lead is no evidence
     score = found.score if converged else found.score + found.ahead
     return Fit(model, here.light(), score, found.covariance, converged, taken)
+
+
+def _slopes(problem: Problem, landed: Linearised) -> Linearised | None:
+    """The misfit near a landing with its own derivatives; None where nothing beside it balances."""
+    try:
+        return problem.linearise(landed.x, landed.columns, landed.near)
+    except (SolveError, InputError):
+        return None
 
 
 def _misfit(problem: Problem, here: Linearised) -> float:
