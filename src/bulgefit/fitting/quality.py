@@ -199,7 +199,8 @@ def quality_of(
                 for test in objective.tests
                 for hole in about_apex_hole(test)
             ),
-            *_about_result(problem, z, bounded, explained, errors, words),
+            *_about_result(problem, z, bounded, explained, descents),
+            *_about_errors(problem, bounded, errors, words),
             *_about_search(problem, z, descents, others, agreeing),
             *_about_mesh(problem, errors, noise),
         ],
@@ -270,10 +271,9 @@ def _about_result(
     z: Floats,
     bounded: NDArray[np.bool_],
     explained: float,
-    errors: Uncertainty,
-    words: Mapping[str, str],
+    descents: Sequence[Descent],
 ) -> Iterator[Warned]:
-    """What cannot be said of the parameters."""
+    """Whether there is a result at all."""
     values = problem.values(z)
     for p, at in zip(problem.free, bounded, strict=True):
         if at:
@@ -282,6 +282,14 @@ def _about_result(
         yield Doubt.WORSE_THAN_UNDEFORMED.of()
     elif explained < _LEAST_EXPLAINED:
         yield Doubt.EXPLAINS_LITTLE.of(share=100 * explained)
+    if not any(d.converged for d in descents):
+        yield Doubt.NO_START_CONVERGED.of()
+
+
+def _about_errors(
+    problem: Problem, bounded: NDArray[np.bool_], errors: Uncertainty, words: Mapping[str, str]
+) -> Iterator[Warned]:
+    """What cannot be said of the parameters."""
     points = _points(problem.objective)
     if problem.size > 1 and points < problem.size:
         count = f"{points} point{'s' if points > 1 else ''}"
@@ -308,8 +316,8 @@ def _about_search(
 ) -> Iterator[Warned]:
     """Whether there may be a better optimum, or is another one."""
     if not any(d.converged for d in descents):
-        yield Doubt.NO_START_CONVERGED.of()
-    elif others:
+        return
+    if others:
         values = problem.values(z)
         this, other = (
             ", ".join(f"{name} = {found[name]:.4g}" for name in values)
