@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.places import LEAST_SLIP
+from bulgefit.effects.places import LEAST_SLIP, Load
 from bulgefit.effects.registry import catalogue
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.model.description import Description, active_effects, describe
@@ -253,11 +253,34 @@ def test_the_rim_lifts_on_its_side_by_the_amplitude_a_bar(specimen: VirtualTest)
     for frame, bar in enumerate((0.2, 1.0, 2.0)):
         np.testing.assert_allclose(shapes.displacement[frame, rim, 2], 0.2 * bar * side, atol=1e-12)
         np.testing.assert_allclose(shapes.displacement[frame, rim, :2], 0.0, atol=1e-12)
-    # concave in pressure: (1 - exp(-p))/p of what it were
-    bent = specimen.shapes({**MODULI, **values, "rim_lift.shape": 1.0})
+    # concave in pressure: (1 - exp(-s p))/sp of what it were
+    bent = specimen.shapes({**MODULI, **values, "rim_lift.shape": 0.5})
     share = bent.displacement[:, rim, 2].max(axis=1) / shapes.displacement[:, rim, 2].max(axis=1)
     bar = np.array([0.2, 1.0, 2.0])
-    np.testing.assert_allclose(share, (1.0 - np.exp(-bar)) / bar, rtol=1e-12)
+    np.testing.assert_allclose(share, (1.0 - np.exp(-0.5 * bar)) / (0.5 * bar), rtol=1e-12)
+
+
+def test_stiffness_falls_by_the_decade_of_frame_intervals() -> None:
+    """By hand: frames every ten seconds, and one a decade and more later."""
+    pressure, time = np.array([0.1, 0.2, 0.2, 0.2]), np.array([5.0, 15.0, 25.0, 995.0])
+    load = catalogue()["creep"].load({"rate": 0.05}, Load(pressure, time, pressure))
+    expected = 1.0 - 0.05 * np.array([0.0, np.log10(2.0), np.log10(3.0), 2.0])
+    np.testing.assert_allclose(load.softening, expected, rtol=1e-12)
+
+
+def test_factors_of_a_specimen_are_of_warp_and_fill(specimen: VirtualTest) -> None:
+    """The same as the moduli that they multiply."""
+    values = {"specimen_factor.warp": 1.1, "specimen_factor.fill": 0.9}
+    found = specimen.predict({**MODULI, **values}).displacement
+    same = {"E1": 1.1 * MODULI["E1"], "E2": 0.9 * MODULI["E2"], "G12": MODULI["G12"]}
+    np.testing.assert_allclose(found, specimen.predict(same).displacement, atol=1e-10)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("g_x", 0), ("g_y", 1)])
+def test_stiffness_grows_along_its_gradient(name: str, axis: int, specimen: VirtualTest) -> None:
+    """The stiffer half stretches less, so points in the middle move towards it."""
+    moved = _change(specimen, **{f"stiffness_gradient__{name}": 0.2})
+    assert (moved[:, centre_of(specimen), axis] > 0.0).all()
 
 
 @pytest.mark.parametrize("name", ["amplitude", "direction", "shape"])
