@@ -260,6 +260,15 @@ def test_the_rim_lifts_on_its_side_by_the_amplitude_a_bar(specimen: VirtualTest)
     np.testing.assert_allclose(share, (1.0 - np.exp(-0.5 * bar)) / (0.5 * bar), rtol=1e-12)
 
 
+def test_the_centre_of_the_clamp_lies_at_the_registration(specimen: VirtualTest) -> None:
+    """Points that were seen a centre further are the same ones."""
+    centre = {"registration.x0": 2.0, "registration.y0": -1.0}
+    points = reference_of(specimen) * 0.9
+    shifted = of_points(points + np.array([2.0, -1.0, 0.0]), specimen.recorded)
+    plain = of_points(points, specimen.recorded).predict(MODULI).displacement
+    np.testing.assert_allclose(shifted.predict({**MODULI, **centre}).displacement, plain, atol=1e-9)
+
+
 def test_stiffness_falls_by_the_decade_of_frame_intervals() -> None:
     """By hand: frames every ten seconds, and one a decade and more later."""
     pressure, time = np.array([0.1, 0.2, 0.2, 0.2]), np.array([5.0, 15.0, 25.0, 995.0])
