@@ -18,7 +18,7 @@ from bulgefit.fem.laws.law import Law
 from bulgefit.fem.laws.potential import KNOTS, PARAMETERS
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc, rectangle
-from bulgefit.fem.relaxation import point_response
+from bulgefit.fem.relaxation import SLACK, point_response
 from bulgefit.fem.trace import trace
 
 STIFFNESS = orthotropic_stiffness(303.0, 229.0, 5.0, 0.24)
@@ -294,3 +294,16 @@ def test_a_law_whose_source_changes_is_compiled_anew(tmp_path: Path) -> None:
         types.append(law.type)
     assert types[0] == types[1]
     assert types[0] != types[2]
+
+
+@pytest.mark.parametrize("fabric", FABRICS)
+@pytest.mark.parametrize("name", OWN)
+def test_what_lies_within_the_natural_state_is_slack(name: str, fabric: str) -> None:
+    """Slack and all: a strain of s is there without tension, by each law's own measure of it."""
+    given = FABRICS[fabric]
+    natural = [1.0 + 2.0 * s if name == "svk" else math.exp(2.0 * s) for s in given.slack]
+    q, out = given.law_parameters(STIFFNESS), np.empty(10)
+    for within in (1e-5, -1e-5):
+        c11, c22 = np.array(natural) - within
+        state = point_response(c11, c22, 0.0, q, LAWS[name], True, out)
+        assert (state == SLACK) == (within > 0.0)
