@@ -222,6 +222,15 @@ def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> N
     np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-6)
 
 
+def test_a_fabric_that_cannot_be_is_no_shape(data: Data) -> None:
+    """Steps may lead to moduli whose energy is negative somewhere: E1 below nu12² E2."""
+    weighing, layout = weighing_of([data])
+    x = near_the_truth(weighing, layout)
+    x[0] -= 10.0  # of ln E1
+    with pytest.raises(SolveError, match="no such fabric"):
+        weighing.linearise(x, layout.columns(layout.whole(("clamp_slip",))))
+
+
 def test_a_tangent_that_cannot_be_solved_is_no_shape(
     data: Data, monkeypatch: pytest.MonkeyPatch
 ) -> None:

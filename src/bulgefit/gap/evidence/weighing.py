@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk
 
-from bulgefit.errors import SolveError
+from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
@@ -144,6 +144,9 @@ class Weighing:
         except NotPositiveDefiniteError as error:
             # moduli so far off that a tangent is nothing to the last digit
             raise _no_shape(f"the tangent cannot be solved ({error})", values) from error
+        except InputError as error:
+            # nobody gave these values: a linear step led to moduli that no fabric can have
+            raise _no_shape(f"there is no such fabric ({error})", values) from error
 
     def _whitened(self, index: int, rows: Floats) -> Floats:
         """Rows (k, frames, points, 3) with products as offsets and the mesh's error leave them.
