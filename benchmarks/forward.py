@@ -124,7 +124,7 @@ def one_path(mesh: Mesh, law: str, repeats: int) -> tuple[list[str], list[str]]:
             "quarter": lambda: trace_by_quarter(membrane, STIFFNESS)(LEVELS),
             "whole": lambda: trace(membrane, STIFFNESS)(LEVELS),
             "levels of the quarter": lambda: trace(quarter.even, STIFFNESS),
-            "stability of the rest": lambda: quarter.is_stable(part, STIFFNESS),
+            "stability of the rest": lambda: quarter.stable(part, STIFFNESS),
             "tangent": lambda: membrane.state(shape, 0.1, STIFFNESS),
             "tangent, slope's too": lambda: membrane.state(shape, 0.1, STIFFNESS, along=slope),
             "residual": lambda: membrane.state(shape, 0.1, STIFFNESS, tangent=False),
