@@ -17,7 +17,9 @@ from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap import apart
-from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
+from bulgefit.gap.caveats import left_of_the_mesh, left_out
+from bulgefit.gap.diagnose import diagnose
+from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.keys import at_edge, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.mesh_error import correct_mesh
@@ -118,15 +120,15 @@ def test_the_meshs_error_is_that_of_the_best_model(offset: Diagnosis) -> None:
 def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
     assert prepared.strays == 0
-    (warning,) = _left_out([replace(prepared, strays=7)])
+    (warning,) = left_out([replace(prepared, strays=7)])
     assert "7 of" in warning
 
 
 def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
-    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
+    (warning,) = left_of_the_mesh([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
     assert "could not be brought below a third of the noise" in warning
-    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=None)])
+    (warning,) = left_of_the_mesh([replace(prepared, mesh_error=None)])
     assert "could not be estimated" in warning
 
 
@@ -312,7 +314,7 @@ def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
             parameters={},
         )
 
-    monkeypatch.setattr("bulgefit.gap.diagnosis.judge_held_out", fails)
+    monkeypatch.setattr("bulgefit.gap.diagnose.judge_held_out", fails)
     (test,) = offset.tests
     found = diagnose(test, holdout=test, effects=CANDIDATES)
     assert found.holdout is None
