@@ -16,10 +16,12 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
+from bulgefit.gap import apart
 from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
 from bulgefit.gap.keys import at_edge, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.mesh_error import correct_mesh
+from bulgefit.parallel.journal import journaled
 from bulgefit.parallel.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -230,6 +232,25 @@ def test_workers_elsewhere_find_the_same_to_the_last_bit(
     assert others
     assert killed not in others
     assert len(set(others)) == len(others)
+
+
+def test_a_diagnosis_goes_on_from_its_journal(both: Diagnosis, tmp_path: Path) -> None:
+    """Stopped once the model without each of its parts is fitted: no model is fitted again."""
+    place, asked = tmp_path / "gap.json.part", {"verb": "diagnose"}
+
+    def stop(text: str) -> None:
+        if text == "held-out gap":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), journaled(place, asked):
+        diagnose(both.tests, effects=CANDIDATES, say=stop)
+    with pytest.MonkeyPatch.context() as patch, journaled(place, asked, resume=True):
+        patch.setattr(apart, "descend", None)
+        found = diagnose(both.tests, effects=CANDIDATES)
+    told, before = without_times(found), without_times(both)
+    # the last bits of a forecast far from its fit
+    assert told.pop("others") == pytest.approx(before.pop("others"), rel=1e-9, abs=0.0)
+    assert told == before
 
 
 def without_times(found: Diagnosis) -> dict[str, Any]:
