@@ -181,6 +181,22 @@ def test_loss_of_ellipticity_is_named_where_it_makes_the_path_unstable() -> None
     assert membrane.acoustic_margin(behind.displacement[-1], SOFT) < 0.0
 
 
+def test_ellipticity_is_lost_where_balanced_shapes_turn_unstable() -> None:
+    """Of soft shear and turned axes: the dense output turns unstable 2 % higher."""
+    membrane = Membrane(disc(100.0, 4), 0.81, angle=np.radians(57.636))
+    stiffness = orthotropic_stiffness(552.951, 25.2407, 0.718288, 0.215214)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    error = caught.value
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    behind = trace(membrane, stiffness, (1e-4, 1.05 * error.pressure), beyond_ellipticity=True)
+    stable = [
+        solve(membrane, behind(p)[0], p, stiffness, follow=True, exact=True).stable
+        for p in (0.998 * error.reached, 1.002 * error.pressure)
+    ]
+    assert stable == [True, False]
+
+
 @pytest.mark.parametrize("law", ["svk", "yarn"])
 def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     membrane = Membrane(disc(100.0, 3), 0.81, law)
@@ -204,6 +220,22 @@ def test_loose_cloth_is_found_from_a_pressure_that_draws_it_taut() -> None:
     assert path.stable.all()
     state = membrane.state(path.displacement[0], 1e-4, stiffness)
     assert np.abs(state.residual).max() < 1e-8 * stiffness.max()
+
+
+def test_wrinkled_cloth_is_balanced_to_the_last_correction() -> None:
+    """Wrinkled all over: what follows a correction by one factor may be as large as it was."""
+    mesh = disc(100.0, 2)
+    x, y = mesh.nodes.T / 100.0
+    height = 4.2 - 6.0 * x + 2.6 * y + 6.4 * (x * x - y * y) + 17.3 * x * y
+    surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
+    membrane = Membrane(mesh, 0.81, fabric=Fabric(surface=surface, slack=(-0.01, 0.014)))
+    stiffness = orthotropic_stiffness(2740.0, 4430.0, 6.34, 0.37)
+    for p in (1e-4, 5e-4, 1e-3, 2e-3, 0.01, 0.02, 0.05):
+        guess = flat_guess(membrane, p, stiffness)
+        balance = solve(membrane, guess, p, stiffness, thrifty=True)
+        assert balance.wrinkled > 0.8 * membrane.weight.size
+        left = membrane.state(balance.displacement, p, stiffness, tangent=False).residual
+        assert np.abs(balance.factor.solve(left)).max() <= 1e-9
 
 
 @pytest.mark.parametrize("stiffness", [(3.0, 3.0, 3.1, 1.0), (3.0, 3.0, 0.0, 0.0), (np.nan,) * 4])

@@ -112,7 +112,7 @@ def explain(
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    weighing = Weighing(whole, coordinates, search.problem.offsets)
+    weighing = Weighing(whole, coordinates, search.problem.offsets).beside(search.problem.tempered)
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     tempered = temper(whole, final.predictions, determined(fit, layout))

@@ -40,6 +40,8 @@ class Weighing:
     offsets : sequence of (3,) array, mm, optional
         By specimen: standard deviations of the prior of an offset of every measured point, which
         all its frames share. Such offsets are no coordinates: they are integrated out.
+    tempered : float
+        By which the specimens' noise was raised beyond what it is (`beside`).
     """
 
     def __init__(
