@@ -77,8 +77,8 @@ class Linearised:
     near : object
         What a neighbouring point is sooner found from; the problem's own.
     rows : object
-        The derivatives themselves, for the same elsewhere (`Problem.again`); the problem's own.
-        None where they were let go.
+        The derivatives and residuals themselves, for the same elsewhere (`Problem.again`); the
+        problem's own. None where they were let go.
     """
 
     x: Floats
