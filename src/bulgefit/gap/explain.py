@@ -28,7 +28,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import determined, temper
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -113,7 +113,7 @@ def explain(
     weighing = Weighing(whole, coordinates, search.problem.offsets).beside(_excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    tempered = temper(whole, final.predictions, determined(fit, layout))
+    tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), left, search.names)
@@ -152,7 +152,8 @@ def _excess(search: Search[Weighing]) -> float:
     if problem.misfits is None:
         return 1.0
     seen = regression_of(problem, best).predictions
-    return temper(problem.data, seen, determined(best, search.layout))
+    bare = Weighing(problem.data, problem.coordinates, problem.offsets)
+    return temper(problem.data, seen, taken_up(bare, best, search.layout))
 
 
 def _stepped_fields(data: Sequence[Data]) -> list[Field]:
@@ -315,7 +316,8 @@ class _Trial:
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
+            taken = taken_up(search.problem, best, search.layout)
+            by = temper(self.data, self.regression.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
