@@ -112,7 +112,7 @@ def test_the_wrinkle_is_the_one_of_least_energy(law: str) -> None:
     strains = rng.normal(0.0, [0.05, 0.003, 0.01], (600, 3))
     angles = np.linspace(0.0, np.pi, 45, endpoint=False)
     found, other = np.empty(10), np.empty(10)
-    for c11, c22, c12 in strains + [1.0, 1.0, 0.0]:
+    for c11, c22, c12 in np.add(strains, [1.0, 1.0, 0.0]):
         state = point_response(c11, c22, c12, q, LAWS[law], True, found)
         low = np.linalg.eigvalsh([[found[1], found[3]], [found[3], found[2]]])[0]
         assert low >= -1e-9 * q[0]

@@ -448,9 +448,10 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """Add a level about `step` ahead; returns the share of the step that was made.
 
     Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
-    find there, descent of the potential does. Where steps in pressure fail, the branch is followed
-    by its volume until pressure can be stepped again, or its greatest pressure is passed; cloth
-    that is too loose for that is looked for where it is taut.
+    find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
+    into bands of shear, past the point where the path turns unstable. Where steps in pressure fail,
+    the branch is followed by its volume until pressure can be stepped again, or its greatest
+    pressure is passed; cloth that is too loose for that is looked for where it is taut.
 
     Raises
     ------
@@ -458,6 +459,8 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """
     below = tracer.levels[-1]
     last, descend = below.s, tracer.descends and below.stable and below.wrinkled > 0
+    if tracer.elliptic and descend:
+        descend = tracer.is_elliptic(below.displacement)
     attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
     for share, follow in attempts:
         s = last + share * step
