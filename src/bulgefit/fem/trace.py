@@ -108,7 +108,7 @@ class _Tracer:
 
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
-        return self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0
+        return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
     def is_sound(self, s: float) -> bool:
         """Whether the shape that is balanced from the dense output is stable, or the law elliptic.
