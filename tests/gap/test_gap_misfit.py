@@ -177,3 +177,37 @@ def test_beside_a_misfit_only_true_causes_are_sure(made_by_the_model, seed):
     assert sure(settled.search) == {"clamp_slip"}
     part = layout.part("clamp_slip")
     assert settled.search.best.x[part] == pytest.approx(0.01, abs=0.001)
+
+
+def test_each_specimen_has_a_misfit_of_its_own(made_by_the_model: Callable[..., Data]):
+    """Two specimens, one of which has something that no model follows, and heights at rest."""
+    whole = [made_by_the_model(TRUTH, 20.0, frames=7, seed=seed) for seed in (6, 7)]
+    test = whole[1].specimen.test
+    (block,) = test.blocks
+    reference = np.array(block.reference)
+    reference[:, 2] = 0.3
+    bumps = np.cos(reference[:, 0] / 9.0) * np.cos(reference[:, 1] / 7.0)
+    seen = block.displacement + 0.1 * test.pressure[:, None, None] * bumps[:, None]
+    other = type(test).from_arrays(reference, seen, test.pressure)
+    whole[1] = replace(whole[1], specimen=whole[1].specimen.of(other))
+    effects = [catalogue()[e] for e in ("clamp_slip", "initial_shape", "registration")]
+    coordinates = Coordinates.of(effects, [d.specimen.nulls() for d in whole])
+    plain, layout = Weighing(whole, coordinates), Layout.of(coordinates.groups)
+    columns = layout.columns(layout.whole(["initial_shape@0", "registration@1"]))
+    x = np.array(layout.null)
+    x[:3] = np.log(list(TRUTH.values()))
+    here = plain.linearise(x, columns)
+    beside = plain.beside_misfit(here)
+    assert beside.afresh().misfits is beside.misfits
+    found = beside.linearise(x, columns)
+    square = []
+    for before, after in zip(here.rows, found.rows, strict=True):
+        square.append((float(before[-1] @ before[-1]), float(after[-1] @ after[-1])))
+        # heights are the last: 68 points by three components
+        np.testing.assert_array_equal(before[:, 7 * 68 * 3 :], after[:, 7 * 68 * 3 :])
+    # of noise, too, 18 courses look unlike in 21 modes
+    assert square[0][1] > 0.7 * square[0][0]
+    assert square[1][1] < 0.5 * square[1][0]
+    assert found.square == pytest.approx(sum(after for _, after in square), rel=1e-12)
+    # balanced once more from where it was: to the solver's tolerance
+    assert beside.again(found, x).square == pytest.approx(found.square, rel=1e-4)

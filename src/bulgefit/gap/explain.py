@@ -26,7 +26,7 @@ from bulgefit.gap.evidence.coordinates import (
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
-from bulgefit.gap.evidence.problem import Layout, Model
+from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
 from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
@@ -325,17 +325,22 @@ class _Trial:
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
     def settled(self) -> _Trial:
-        """The best model beside what it misses by, as long as that leads to another one.
+        """The best model beside what it misses by; by less of it, if it can do with less.
 
-        What is left is told by the model: it is larger where a cause is missing, which thus may
-        have to come in after a louder one.
+        What is left is told by the smallest model that is reached: told by each that follows, it
+        would shrink with every effect that takes some of it, and let the next one in.
         """
-        search, best = self.search, self.search.best
-        judged = set[Model]()
-        while best.model not in judged:
-            judged.add(best.model)
-            search = self._beside(best)
+        told = self.search.best
+        while True:
+            search = self._beside(told)
             best = search.improved(search.best)
+            forms = dict(best.model)
+            common = {name: min(f, forms[name]) for name, f in told.model if name in forms}
+            if (smaller := freeze(common)) == told.model:
+                break
+            if (less := self.search.fit(smaller, best.x, best.here.near)) is None:
+                break
+            told = less
         search.closely()
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
