@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bulgefit.report.page.page import page_html
@@ -83,10 +84,17 @@ def pages(found, fitted, plate, plain, tmp_path_factory):
         "gap": page_html(record, [replace(plate, name=NAME), replace(plate, name="second")]),
         "fit": page_html(fitted, [plain]),
         "bare": page_html(record, [None, None], notes=["no maps"]),
+        "oval": page_html(fitted, [oval(plain)]),
     }
     for name, text in texts.items():
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {name: folder / f"{name}.html" for name in texts}
+
+
+def oval(test):
+    """The same in a clamp of 100 by 60 mm."""
+    inside = np.linalg.norm(test.blocks[0].reference[:, :2] / (100.0, 60.0), axis=1) < 0.95
+    return replace(test.select(points=inside), radius=80.0, ellipticity=0.25)
 
 
 def show(browser, page, width=DESK, scheme="light", media=""):
@@ -202,6 +210,24 @@ def test_the_surface_turns_and_takes_its_colour_from_any_field(browser, pages):
         option.click()
         seen.add(pixels(browser, "#surface"))
     assert len(seen) == 3 + len(options[1::4])
+
+
+def test_an_elliptic_clamp_is_an_ellipse(browser, pages):
+    """What is painted of a map reaches as far as the clamp does along x and y, and no farther."""
+    show(browser, pages["oval"])
+    left, right, top, bottom = browser.execute_script("""
+      const c = document.querySelector("#maps canvas"), [w, h] = [c.width, c.height];
+      const [first, last] = [Math.round(0.1 * h), Math.round(0.78 * h)];
+      const d = c.getContext("2d").getImageData(0, first, w, last - first).data;
+      let [left, right, top, bottom] = [w, 0, h, 0];
+      for (let y = 0; y < last - first; y++) for (let x = 0; x < w; x++) {
+        if (!d[4 * (y * w + x) + 3]) continue;
+        [left, right] = [Math.min(left, x), Math.max(right, x)];
+        [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
+      }
+      return [left, right, top, bottom];
+    """)
+    assert (bottom - top) / (right - left) == pytest.approx(0.6, abs=0.02)
 
 
 def test_another_test_is_chosen(browser, pages):

@@ -8,8 +8,8 @@ from typing import Any
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.follow_up.separate import ALIKE, cosine_matrix
 from bulgefit.report import _figure
-from bulgefit.report._diagnosis_words import budget_labels, names_of
 from bulgefit.report.record import Record
+from bulgefit.report.words.names import budget_labels, names_of
 
 __all__ = ["plot_budget", "plot_cosines"]
 

@@ -66,7 +66,7 @@ def plot_component(
             head = title + "\n" if row == 0 else ""
             panel.set_title(head + text, fontsize=_figure.FONT - (column >= 2 and row > 0))
         drawn.append(last)
-    outer_ticks(panels, data.specimen.test.radius)
+    outer_ticks(panels, data.specimen.test.semi_axes)
     for panel, frame in zip(panels[:, 0], frames, strict=True):
         bar = 10.0 * data.specimen.recorded[frame]
         panel.set_ylabel(f"{bar:.3g} bar\ny (mm)", fontsize=_figure.FONT)
@@ -135,5 +135,5 @@ def plot_signatures(
                     head = f"{title},\n{bar}\n" if component == 0 else ""
                     panel.set_title(head + rms(field[k]), fontsize=_figure.FONT - 1)
             colour_bar(block, drawn, row, f"{COMPONENTS[component]} (mm)", pad=0.01, aspect=15)
-        outer_ticks(panels, data.specimen.test.radius)
+        outer_ticks(panels, data.specimen.test.semi_axes)
     return _figure.finished(figure, path, force)
