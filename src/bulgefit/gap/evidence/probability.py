@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.problem import Model
 
 __all__ = ["SURE", "Weighed", "weighed"]
@@ -28,26 +29,26 @@ class Weighed:
     ----------
     models : dict of Model to float
         Most probable first.
-    groups : dict of id to float
+    groups : dict of Owned to float
         Sum over the models that hold the group, in any form.
     """
 
     models: dict[Model, float]
-    groups: dict[str, float]
+    groups: dict[Owned, float]
 
     @property
     def best(self) -> Model:
         """The most probable model."""
         return next(iter(self.models))
 
-    def rivals(self, name: str) -> tuple[str, ...]:
+    def rivals(self, name: Owned) -> tuple[Owned, ...]:
         """Groups that stand in for one of the best model's that is not sure.
 
         The fewest, most probable first, of which models without the group hold one, that with it
         make a sure set; none where no such set is sure.
         """
         reached = self.groups[name]
-        found: list[str] = []
+        found: list[Owned] = []
         rest = {model: p for model, p in self.models.items() if name not in dict(model)}
         while reached < SURE:
             shares = _shares(rest)
@@ -61,7 +62,7 @@ class Weighed:
         return tuple(found)
 
 
-def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) -> Weighed:
+def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[Owned]) -> Weighed:
     """Probabilities of models by their scores, -2 ln Z.
 
     Parameters
@@ -70,7 +71,7 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) 
         Fitted, or forecast where they were not.
     temper : float
         1 or more.
-    names : iterable of str
+    names : iterable of Owned
         Groups that were candidates; those in no model have probability 0.
     """
     order = sorted(scores, key=lambda model: scores[model])
@@ -79,9 +80,9 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) 
     return Weighed(models, {**dict.fromkeys(names, 0.0), **_shares(models)})
 
 
-def _shares(models: Mapping[Model, float]) -> dict[str, float]:
+def _shares(models: Mapping[Model, float]) -> dict[Owned, float]:
     """Sum of probabilities over the models that hold each group."""
-    out: dict[str, float] = {}
+    out: dict[Owned, float] = {}
     for model, share in models.items():
         for name, _ in sorted(model):
             out[name] = min(out.get(name, 0.0) + share, 1.0)
