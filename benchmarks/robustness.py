@@ -5,8 +5,8 @@ python benchmarks/robustness.py N [--seed S] [--refine R] prints the table of do
 Each set is traced from 0.001 to 3 bar. What comes out is checked by other means than the path's
 own: equilibria by their residual and by the balance of work, U(p2) - U(p1) = ∫ p dV along the path;
 answers by what they state: a limit pressure by a path to just below it and by descent that finds no
-shape above; a loss of ellipticity by a stable path to just below it, at whose
-end the acoustic tensor is not positive definite.
+shape above; a loss of ellipticity by a stable path to just below it, and the
+shape at its pressure, where the acoustic tensor is not positive definite.
 """
 
 from __future__ import annotations
@@ -162,7 +162,10 @@ def doubts(membrane: Membrane, stiffness: np.ndarray, error: SolveError) -> list
             below = trace(membrane, stiffness, (RANGE[0], 0.999 * error.reached))
         except SolveError:
             return ["no path to just below it"]
-        if membrane.acoustic_margin(below.displacement[-1], stiffness) >= 0.0:
+        # a branch that is close to its limit pressure, too, changes fast below it
+        last = _balanced(membrane, stiffness, error.reached, (below.displacement[-1],))
+        last = below.displacement[-1] if last is None else last
+        if membrane.acoustic_margin(last, stiffness) >= 0.0:
             return ["elliptic beside it"]
         return [] if below.stable.all() else ["unstable below it"]
     return [error.reason]

@@ -45,6 +45,7 @@ class Known:
         end: float = np.inf,
     ) -> None:
         self.groups, self.inflation, self.count = groups, inflation, len(measured)
+        self.tempered = 1.0
         self._measured, self._curve, self._end = measured, curve, end
         self.solves = 0
 
@@ -466,6 +467,25 @@ def test_groups_without_a_say_make_no_end_of_models():
         worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
         exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 100.0))
         assert found.groups[name] == pytest.approx(exact, abs=0.01)
+
+
+def test_groups_that_hardly_count_are_not_sure_for_being_many():
+    """Thirty independent groups at work, and differences that count for little.
+
+    Of the 2^30 models those without one of them are looked at, not those without two, three, ...
+    """
+    rng = np.random.default_rng(13)
+    rows = 10.0 * np.linalg.qr(rng.normal(size=(60, 30)))[0]
+    measured = rows @ rng.uniform(0.8, 1.6, 30) + 0.1 * rng.normal(size=60)
+    problem = linear([group(f"g{i}", [1.0]) for i in range(30)], rows, measured)
+    search = searched(problem)
+    assert len(explore(search, np.zeros(30)).model) == 30
+    found = weighed(search.scores(50.0), 50.0, search.names)
+    for column in range(30):
+        worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
+        exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 50.0))
+        assert 0.6 < exact < 0.95
+        assert found.groups[f"g{column}"] == pytest.approx(exact, abs=0.01)
 
 
 def test_elimination_alone_is_trapped_where_growth_is_not():

@@ -19,7 +19,7 @@ from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
-from bulgefit.gap.evidence.temper import determined, temper
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explain import _stepped_fields
 
@@ -174,16 +174,16 @@ def test_a_regression_keeps_no_derivatives(data: Data) -> None:
 
 def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
-    assert temper([data], [prediction], free=4) == pytest.approx(1.0, abs=0.2)
+    assert temper([data], [prediction], taken=4) == pytest.approx(1.0, abs=0.2)
     # a plane of one noise unit in every frame is one mode of 21 times those of the frames
     x, frames = data.specimen.reference[:, 0], len(data.used)
     miss = (x / np.std(x))[:, None] * data.sigma
     off = replace(prediction, displacement=prediction.displacement + miss)
     expected = 1.0 + frames * len(x) / (21 * min(frames, 6))
-    assert temper([data], [off], free=0) == pytest.approx(expected, rel=0.2)
+    assert temper([data], [off], taken=0) == pytest.approx(expected, rel=0.2)
     # correlated noise is granted its inflation
     granted = replace(data, inflation=expected)
-    assert temper([granted], [off], free=0) == pytest.approx(1.0, abs=0.2)
+    assert temper([granted], [off], taken=0) == pytest.approx(1.0, abs=0.2)
 
 
 def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:
@@ -195,18 +195,28 @@ def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:
     for size in sizes:
         miss = size[:, None, None] * (x / np.std(x))[:, None] * data.sigma
         off = replace(prediction, displacement=prediction.displacement + miss)
-        found.append(temper([data], [off], free=0))
+        found.append(temper([data], [off], taken=0))
     assert np.mean(found) == pytest.approx(1.0 + len(x) / 21, rel=0.1)
 
 
-def test_coordinates_that_priors_hold_are_not_determined(data: Data) -> None:
+def test_modes_are_taken_up_by_what_data_determine_and_by_what_is_seen_in_them(data: Data) -> None:
+    """Moduli, slip and a turned frame are seen in smooth modes; bumps are finer, and held."""
     weighing, layout = weighing_of([data])
     model = layout.whole((Owned("clamp_slip"), Owned("rigid_motion")))
     fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
+    few = taken_up(weighing, fit, layout)
     count = len(fit.here.columns)
-    assert determined(fit, layout) == pytest.approx(count, abs=0.1)
-    unknown = replace(fit, covariance=np.diag(layout.width[fit.here.columns] ** 2))
-    assert determined(unknown, layout) == 0.0
+    assert 0.9 * count < few < count
+    rough = layout.whole([Owned(n) for n in ("clamp_slip", "rigid_motion", "stiffness_field")])
+    more = descend(weighing, layout, rough, fit.x, fit.here.near, roughly=True)
+    bumps = layout.part(Owned("stiffness_field"))
+    known = np.diag(more.covariance) / layout.width[more.here.columns] ** 2
+    determined = (1.0 - np.clip(known, 0.0, 1.0)).sum()
+    assert bumps.stop - bumps.start > 100
+    assert few < taken_up(weighing, more, layout) < determined
+    # where the prior leaves no room nothing is taken
+    firm = Weighing([replace(data, inflation=1e12)], weighing.coordinates)
+    assert taken_up(firm, fit, layout) < 1e-3 * count
 
 
 def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> None:

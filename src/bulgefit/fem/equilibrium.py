@@ -305,7 +305,8 @@ class _Search:
         for _ in range(15):
             previous, size = size, float(np.abs(correction).max())
             if size > 0.5 * previous:
-                return displacement if previous <= self._rounding else None
+                settled = previous <= self._rounding and not self._jumps(state)
+                return displacement if settled else None
             displacement = displacement + self.membrane.spread(correction)
             rate = 1.0 if state.wrinkled else min(1.0, 2.0 * size / previous)
             if size * rate <= CORRECTION * self._unit:
@@ -313,6 +314,14 @@ class _Search:
             state = self.look(displacement)
             correction = self.correct(factor, state)
         return None
+
+    def _jumps(self, state: State) -> bool:
+        """Whether wrinkles that come and go, and not rounding, keep corrections from shrinking.
+
+        Rounding leaves less out of balance than the least correction that counts would.
+        """
+        force = CORRECTION * self._unit * float(self.stiffness[:2].max()) * self.membrane.thickness
+        return state.wrinkled > 0 and _norm(state) > force
 
     def within_reach(self, step: float) -> float:
         """Correction (mm) after a step of this size that `CORRECTIONS` more would make vanish.

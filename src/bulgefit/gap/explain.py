@@ -24,9 +24,9 @@ from bulgefit.gap.evidence.coordinates import (
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
-from bulgefit.gap.evidence.problem import Layout, Model
+from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import determined, temper
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -43,8 +43,6 @@ Floats = NDArray[np.float64]
 START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
-#: How often units are fixed anew where fields are freed.
-_UNITS = 2
 
 
 def explain(
@@ -110,11 +108,12 @@ def explain(
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    weighing = Weighing(whole, coordinates, search.problem.offsets).beside(search.problem.tempered)
+    weighing = Weighing(whole, coordinates, search.problem.offsets).beside(_excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    tempered = temper(whole, final.predictions, determined(fit, layout))
-    left = max(tempered / search.problem.tempered, 1.0)
+    tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
+    # beside a misfit of its own covariance nothing of it is left
+    left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
@@ -140,6 +139,20 @@ def explain(
         remainder=structure(whole, final),
         temper=tempered,
     )
+
+
+def _excess(search: Search[Weighing]) -> float:
+    """Of the noise, where the best model was weighed beside a misfit; 1 where nothing is left.
+
+    What errs may also move the values of what does not: so standard errors and the ends of
+    descents count it.
+    """
+    problem, best = search.problem, search.best
+    if problem.misfits is None:
+        return 1.0
+    seen = regression_of(problem, best).predictions
+    bare = Weighing(problem.data, problem.coordinates, problem.offsets)
+    return temper(problem.data, seen, taken_up(bare, best, search.layout))
 
 
 def _stepped_fields(data: Sequence[Data]) -> list[Field]:
@@ -233,11 +246,11 @@ def _searched(
     paid = creased is not None and _score(creased.search) < plain.search.best.score
     chosen = creased if creased is not None and paid else plain
     found = chosen
-    for _ in range(_UNITS):
+    for settle in (_Trial.thinned, _Trial.settled):
         say("units anew")
         for index, p in enumerate(prepared):
             fix_units(p, found.search.best.here.near[index])
-        found = found.anew(_thinned([p.data for p in prepared])).thinned()
+        found = settle(found.anew(_thinned([p.data for p in prepared])))
     return plain.search, creased.search if creased is not None and paid else None, found.search
 
 
@@ -302,12 +315,44 @@ class _Trial:
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
+            taken = taken_up(search.problem, best, search.layout)
+            by = temper(self.data, self.regression.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
         search.closely()
         return replace(self, search=search, ways=replace(self.ways, search=search))
+
+    def settled(self) -> _Trial:
+        """The best model beside what it misses by; by less of it, if it can do with less.
+
+        What is left is told by the smallest model that is reached: told by each that follows, it
+        would shrink with every effect that takes some of it, and let the next one in.
+        """
+        told = self.search.best
+        while True:
+            search = self._beside(told)
+            best = search.improved(search.best)
+            forms = dict(best.model)
+            common = {name: min(f, forms[name]) for name, f in told.model if name in forms}
+            if (smaller := freeze(common)) == told.model:
+                break
+            if (less := self.search.fit(smaller, best.x, best.here.near)) is None:
+                break
+            told = less
+        search.closely()
+        return replace(self, search=search, ways=replace(self.ways, search=search))
+
+    def _beside(self, fit: Fit) -> Search[Weighing]:
+        """A search from a fit, beside what that misses by beyond the noise."""
+        problem, layout = self.search.problem, self.search.layout
+        search = replace(self.search, fits={fit.model: fit}, roughly=True)
+        if not structure(self.data, regression_of(problem, fit)).significant:
+            return search
+        here = problem.linearise(fit.x, layout.columns(fit.model), fit.here.near)
+        search = replace(search, problem=problem.beside_misfit(here), fits={})
+        search.fit(fit.model, fit.x, fit.here.near)
+        return search
 
 
 def _score(search: Search[Weighing]) -> float:

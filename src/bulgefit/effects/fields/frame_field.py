@@ -15,15 +15,12 @@ Floats = NDArray[np.float64]
 
 _BAR = 0.1
 #: Powers of x/a and y/a of each component's terms: to first order those of a frame that moves and
-#: stretches, and of the second for heights, which a stereo pair sees least surely.
-_TERMS = {
-    "x": ((0, 0), (1, 0), (0, 1)),
-    "y": ((0, 0), (1, 0), (0, 1)),
-    "z": ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)),
-}
-#: Functions cos(kπ p/p_max), k from 0: what goes smoothly through the test.
-_WAYS = 4
-_SHARES = tuple((axis, i, j, k) for axis, t in _TERMS.items() for i, j in t for k in range(_WAYS))
+#: stretches, and of the second, by which perspective changes as a camera turns.
+_POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+#: Functions cos(kπ p/p_max), k from 0: what goes through the test as fast as smooth modes of a
+#: residual are looked at (polynomials of fifth degree).
+_WAYS = 6
+_SHARES = tuple((axis, i, j, k) for axis in "xyz" for i, j in _POWERS for k in range(_WAYS))
 _NAMES = tuple(f"{axis}{i}{j}_{k}" for axis, i, j, k in _SHARES)
 
 

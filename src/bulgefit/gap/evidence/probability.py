@@ -3,6 +3,12 @@
 A model's probability is exp(-score/2T) over the sum of the same, its score being -2 ln Z and T the
 temper: what the residual's smooth modes hold over what correlated noise would (`temper`). A model
 that misses by more than the noise is thus as sure as the noise that it leaves lets it be.
+
+Not all models are visited. Where many groups have no say there would be no end of them, and those
+that lack one of the best model's are then missing as those that lack two, three and more of them
+are: next to the many others that hold it, it would look sure. So a group is weighed by models that
+were visited both with and without it. Of the best model's, what lacks it counts in any case: of
+what makes a cause sure nothing may be left out.
 """
 
 from __future__ import annotations
@@ -30,7 +36,7 @@ class Weighed:
     models : dict of Model to float
         Most probable first.
     groups : dict of Owned to float
-        Sum over the models that hold the group, in any form.
+        Share of the models that hold the group, in any form.
     """
 
     models: dict[Model, float]
@@ -50,6 +56,8 @@ class Weighed:
         reached = self.groups[name]
         found: list[Owned] = []
         rest = {model: p for model, p in self.models.items() if name not in dict(model)}
+        left = sum(rest.values())
+        rest = {model: p * (1.0 - reached) / left for model, p in rest.items()} if left else rest
         while reached < SURE:
             shares = _shares(rest)
             shares = {k: p for k, p in shares.items() if k not in dict(self.best)}
@@ -77,7 +85,24 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[Owned]
     order = sorted(scores, key=lambda model: scores[model])
     raw = np.exp(-0.5 * (np.array([scores[m] for m in order]) - scores[order[0]]) / temper)
     models = dict(zip(order, (raw / raw.sum()).tolist(), strict=True))
-    return Weighed(models, {**dict.fromkeys(names, 0.0), **_shares(models)})
+    found = {*names, *(name for model in models for name, _ in model)}
+    return Weighed(models, {name: _paired(models, order[0], name) for name in sorted(found)})
+
+
+def _paired(models: Mapping[Model, float], best: Model, name: Owned) -> float:
+    """Share of a group among models that were visited with and without it."""
+    holding, without = 0.0, dict[Model, None]()  # in order: sums are to the same bits
+    for model, share in models.items():
+        smaller = frozenset(part for part in model if part[0] != name)
+        if smaller != model and smaller in models:
+            holding += share
+            without[smaller] = None
+    if name in dict(best):
+        lacking = sum(share for model, share in models.items() if name not in dict(model))
+    else:
+        lacking = sum(models[model] for model in {**without, best: None})
+    # without some groups nothing balances
+    return holding / (holding + lacking) if holding + lacking else 1.0
 
 
 def _shares(models: Mapping[Model, float]) -> dict[Owned, float]:

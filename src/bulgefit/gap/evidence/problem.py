@@ -80,8 +80,8 @@ class Linearised:
     near : object
         What a neighbouring point is sooner found from; the problem's own.
     rows : object
-        The derivatives themselves, for the same elsewhere (`Problem.again`); the problem's own.
-        None where they were let go.
+        The derivatives and residuals themselves, for the same elsewhere (`Problem.again`); the
+        problem's own. None where they were let go.
     """
 
     x: Floats
@@ -120,6 +120,8 @@ class Problem(Protocol):
         the likelihood.
     count : int
         Values that are compared.
+    tempered : float
+        Part of the inflation by which the noise was raised beyond what it is.
     """
 
     @property
@@ -130,6 +132,9 @@ class Problem(Protocol):
 
     @property
     def count(self) -> int: ...
+
+    @property
+    def tempered(self) -> float: ...
 
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """The misfit near x by some coordinates, in ascending order.

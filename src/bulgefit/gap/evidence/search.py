@@ -35,7 +35,7 @@ LEAST_SHARE = 1e-3
 #: that would take tens of thousands of forecasts.
 MOST_ALIKE = 300
 #: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
-#: when that takes off many times as much.
+#: when that takes off many times as much; nor is it worth a solve before units are fixed anew.
 _GROWN = 0.01
 
 
@@ -365,8 +365,9 @@ class Ways(Generic[Kind]):
         starts = [(origin, None), (self.start, self.near)]
         if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
             starts[1] = (first.x, first.here.near)
+        rough = self.search if thorough else replace(self.search, share=_GROWN)
         for start, near in starts:
-            found = self.search.fit(whole, start, near, roughly=True)
+            found = rough.fit(whole, start, near, roughly=True)
             if found is not None and found is self.search.best and not thorough:
                 break
         return self.search.fits.get(whole)

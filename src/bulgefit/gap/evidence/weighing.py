@@ -21,6 +21,7 @@ from bulgefit.gap.evidence.heights import (
     shown,
     with_heights,
 )
+from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Prediction
@@ -42,6 +43,8 @@ class Weighing:
         all its frames share. Such offsets are no coordinates: they are integrated out.
     tempered : float
         By which the specimens' noise was raised beyond what it is (`beside`).
+    misfits : sequence of Misfit, optional
+        By specimen: noise of its own that models are judged beside.
     """
 
     def __init__(
@@ -50,9 +53,10 @@ class Weighing:
         coordinates: Coordinates,
         offsets: Sequence[Floats] | None = None,
         tempered: float = 1.0,
+        misfits: Sequence[Misfit] | None = None,
     ) -> None:
         self.data, self.coordinates, self.offsets = data, coordinates, offsets
-        self.tempered = tempered
+        self.tempered, self.misfits = tempered, misfits
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -72,12 +76,31 @@ class Weighing:
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
         data = [d.afresh() for d in self.data]
-        return Weighing(data, self.coordinates, self.offsets, self.tempered)
+        return Weighing(data, self.coordinates, self.offsets, self.tempered, self.misfits)
 
     def beside(self, excess: float) -> Weighing:
         """The same beside a misfit that no model takes away: more noise by this factor."""
         data = [replace(d, inflation=excess * d.inflation) for d in self.data]
         return Weighing(data, self.coordinates, self.offsets, excess * self.tempered)
+
+    def beside_misfit(self, here: Linearised) -> Weighing:
+        """The same beside what a model misses by, of its own covariance (`misfit`).
+
+        Parameters
+        ----------
+        here : Linearised
+            At the model's optimum, by its coordinates.
+        """
+        width = np.array([self.coordinates.every[c].width for c in here.columns])
+        known = here.hessian + self.inflation * np.diag(width**-2)
+        misfits = []
+        for index, (d, white) in enumerate(zip(self.data, here.rows, strict=True)):
+            own = self.coordinates.of_specimen(here.columns, index)
+            rows = np.zeros((len(here.columns) + 1, *d.used.shape))
+            place = np.append(np.searchsorted(here.columns, own), len(rows) - 1)
+            rows[place] = self.of_frames(index, white)
+            misfits.append(Misfit.of(d, rows, known, self.inflation))
+        return Weighing(self.data, self.coordinates, self.offsets, self.tempered, misfits)
 
     @property
     def cost(self) -> float:
@@ -105,7 +128,7 @@ class Weighing:
             white = self._whitened(index, self._rows(d, found, x, own))
             upper = dsyrk(1.0, white.T, trans=1)
             gram[np.ix_(place, place)] += upper + np.triu(upper, 1).T
-            rows.append(white[:-1])
+            rows.append(white)
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
         )
@@ -120,7 +143,7 @@ class Weighing:
             found = self._stable(x, moduli, index, near)
             still = replace(found, derivative=found.derivative[:0])
             (residual,) = self._whitened(index, self._rows(d, still, x, []))
-            gradient[np.searchsorted(here.columns, own)] += rows @ residual
+            gradient[np.searchsorted(here.columns, own)] += rows[:-1] @ residual
             square += float(residual @ residual)
             # the next point is found from this one the sooner by derivatives from near it
             shapes.append(replace(found.shapes, derivative=near.derivative))
@@ -151,7 +174,7 @@ class Weighing:
             raise _no_shape(f"there is no such fabric ({error})", values) from error
 
     def _whitened(self, index: int, rows: Floats) -> Floats:
-        """Rows (k, frames, points, 3) with products as offsets and the mesh's error leave them.
+        """Rows (k, frames, points, 3) with products as offsets, mesh and misfit leave them.
 
         And, where heights were measured, the plane that they are counted from; (k, values).
         """
@@ -171,7 +194,17 @@ class Weighing:
             planes = flat(with_heights(d, np.zeros((3, *d.used.shape)), plane_rows(d)))
             own = off_planes(own, planes)
             mesh = None if mesh is None else off_planes(mesh, planes)
-        return own if mesh is None else _beside_mesh(own, mesh[0], d.inflation)
+        if mesh is not None:
+            own = _beside_mesh(own, mesh[0], d.inflation)
+        if self.misfits is not None:
+            frames = self.of_frames(index, own)
+            frames[:] = self.misfits[index].whitened(frames, self.inflation)
+        return own
+
+    def of_frames(self, index: int, rows: Floats) -> Floats:
+        """Of a specimen's rows (k, values), those of its frames: a view (k, frames, points, 3)."""
+        used = self.data[index].used
+        return rows[:, : used.size].reshape(len(rows), *used.shape)
 
     def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
         """Derivatives by coordinates and the residual, in noise units.
