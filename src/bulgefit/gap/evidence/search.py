@@ -14,6 +14,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
@@ -47,7 +48,7 @@ class Search(Generic[Kind]):
     ----------
     problem : Problem
     layout : Layout
-    names : tuple of str
+    names : tuple of Owned
         Groups that may be freed.
     say : callable
         Told what is tried.
@@ -61,7 +62,7 @@ class Search(Generic[Kind]):
 
     problem: Kind
     layout: Layout
-    names: tuple[str, ...]
+    names: tuple[Owned, ...]
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
@@ -85,7 +86,7 @@ class Search(Generic[Kind]):
 
         None where nothing balances.
         """
-        self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
+        self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
         try:
             found = kept(
                 lambda: descend(
@@ -283,7 +284,7 @@ class Ways(Generic[Kind]):
         Coordinates from which something balances.
     near : object
         What a neighbouring point is sooner found from, or None.
-    fields : tuple of str
+    fields : tuple of Owned
         Groups that are freed by some ways alone.
     origin : (n,) array, optional
         Where nothing but what every model has departs from its null; default: `start`.
@@ -292,7 +293,7 @@ class Ways(Generic[Kind]):
     search: Search[Kind]
     start: Floats
     near: object = None
-    fields: tuple[str, ...] = ()
+    fields: tuple[Owned, ...] = ()
     origin: Floats | None = None
 
     @property
