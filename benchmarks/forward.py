@@ -17,7 +17,9 @@ from forward_timing import (  # first: pins the threads
     LEVELS,
     STIFFNESS,
     THICKNESS,
+    at_levels,
     in_turn,
+    mirrored,
     seconds,
     study_mesh,
 )
@@ -30,8 +32,11 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -39,11 +44,11 @@ from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from bulgefit.fem.equilibrium import flat_guess, solve
-from bulgefit.fem.linear import BandedFactor, has_pardiso
+from bulgefit.fem.linear import BandedFactor, SparseLU, has_pardiso
 from bulgefit.fem.membrane import Membrane, State
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path as ShapePath
-from bulgefit.fem.quarter import quarter_of, trace_by_quarter
+from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
 from forward_gradient import gradients
 from forward_growth import growth
@@ -51,25 +56,26 @@ from forward_growth import growth
 
 def factorisations(mesh: Mesh, law: str, shape: np.ndarray, repeats: int) -> dict[str, float]:
     """Seconds of one factorisation of the same tangent, by every way at hand."""
-    jobs = {}
+    jobs: dict[str, Callable[[], object]] = {}
     for name in ["banded", "superlu"] + ["pardiso"] * has_pardiso():
         membrane = Membrane(mesh, THICKNESS, law, solver=name)
         state = membrane.state(shape, 0.1, STIFFNESS)
-        jobs[name] = lambda membrane=membrane, state=state: membrane.factorise(state)
+        jobs[name] = partial(membrane.factorise, state)
         if name == "superlu":
-            band = rcm_band(membrane, state)
-            jobs["rcm"] = lambda band=band: lapack.dpbtrf(band, lower=1)
+            jobs["rcm"] = partial(lapack.dpbtrf, rcm_band(membrane, state), lower=1)
     return in_turn(jobs, repeats, batch=5)
 
 
 def rcm_band(membrane: Membrane, state: State) -> np.ndarray:
     """The tangent's lower band in the order of scipy's reverse Cuthill-McKee."""
-    size = membrane.linear.size
-    full = membrane.linear._full(state.tangent[:-1]).tocsr()
+    linear = membrane.linear
+    assert isinstance(linear, SparseLU)
+    assert state.tangent is not None
+    full = linear.matrix(state.tangent).tocsr()
     order = reverse_cuthill_mckee(full, symmetric_mode=True)
     entries = full[order][:, order].tocoo()
     below = entries.row - entries.col
-    band = np.zeros((below.max() + 1, size), order="F")
+    band = np.zeros((below.max() + 1, linear.size), order="F")
     band[below[below >= 0], entries.col[below >= 0]] = entries.data[below >= 0]
     return band
 
@@ -80,7 +86,10 @@ def operations(membrane: Membrane) -> Counter[str]:
     state, substitute = Membrane.state, BandedFactor.solve
 
     def counted_state(
-        self: Membrane, *at: object, tangent: bool = True, along: object = None
+        self: Membrane,
+        *at: Any,
+        tangent: bool = True,
+        along: tuple[np.ndarray, float] | None = None,
     ) -> State:
         name = "tangent" if tangent else "residual"
         count[name if along is None else f"{name}, slope's too"] += 1
@@ -109,7 +118,7 @@ def largest_error(membrane: Membrane, path: ShapePath) -> float:
 def one_path(mesh: Mesh, law: str, repeats: int) -> tuple[list[str], list[str]]:
     """The rows of a path by quarter and whole, and those of where the time goes."""
     membrane = Membrane(mesh, THICKNESS, law)
-    quarter = quarter_of(membrane)
+    quarter = mirrored(membrane)
     part = trace(quarter.even, STIFFNESS)
     paths = {"quarter": trace_by_quarter(membrane, STIFFNESS), "whole": trace(membrane, STIFFNESS)}
     path = paths["whole"]
@@ -121,10 +130,10 @@ def one_path(mesh: Mesh, law: str, repeats: int) -> tuple[list[str], list[str]]:
     two = np.array([state.residual, state.residual]).T
     one = in_turn(
         {
-            "quarter": lambda: trace_by_quarter(membrane, STIFFNESS)(LEVELS),
-            "whole": lambda: trace(membrane, STIFFNESS)(LEVELS),
+            "quarter": partial(at_levels, membrane, trace_by_quarter),
+            "whole": partial(at_levels, membrane),
             "levels of the quarter": lambda: trace(quarter.even, STIFFNESS),
-            "stability of the rest": lambda: quarter.is_stable(part, STIFFNESS),
+            "stability of the rest": lambda: quarter.stable(part, STIFFNESS),
             "tangent": lambda: membrane.state(shape, 0.1, STIFFNESS),
             "tangent, slope's too": lambda: membrane.state(shape, 0.1, STIFFNESS, along=slope),
             "residual": lambda: membrane.state(shape, 0.1, STIFFNESS, tangent=False),
@@ -150,12 +159,12 @@ def one_path(mesh: Mesh, law: str, repeats: int) -> tuple[list[str], list[str]]:
         for name, found in paths.items()
     ]
     totals = {name: one.pop(name) for name in paths}
-    by_quarter = [one.pop(name) for name in ("levels of the quarter", "stability of the rest")]
+    levels = len(part.pressure)
     by_quarter = {
-        "levels of the quarter": (len(part.pressure), by_quarter[0] / len(part.pressure)),
-        "stability of the rest": (len(part.pressure), by_quarter[1] / len(part.pressure)),
-        "dense output": (1, one["dense output"]),
+        name: (levels, one.pop(name) / levels)
+        for name in ("levels of the quarter", "stability of the rest")
     }
+    by_quarter["dense output"] = (1, one["dense output"])
     whole = {"factorisation": (n, each["banded"])}
     whole |= {name: (count.get(name, 1), time) for name, time in one.items()}
     shares = [
@@ -245,7 +254,8 @@ def against_peers(
     apex = float(trace(membrane, STIFFNESS)(0.3)[0, mesh.apex, 2])
     ways = {"traced by quarter": trace_by_quarter, "traced whole": trace}
     ours: dict[str, list[float]] = {way: [] for way in ways}
-    absent, found = [], {name: [] for name in names}
+    absent: list[str] = []
+    found: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case.npz"
         first = flat_guess(membrane, LEVELS[0], STIFFNESS)[:, 2].max()
@@ -256,9 +266,7 @@ def against_peers(
         )  # fmt: skip
         for turn in range(rounds):
             for way, traced in ways.items():
-                ours[way].append(
-                    seconds(lambda traced=traced: traced(membrane, STIFFNESS)(LEVELS), 5)
-                )
+                ours[way].append(seconds(partial(at_levels, membrane, traced), 5))
             for name in names:
                 if name == "calculix" and turn > 0:
                     continue  # minutes: once is enough
@@ -287,7 +295,7 @@ def against_peers(
     return rows, absent, took
 
 
-def ask(command: list[str]) -> dict[str, float] | str:
+def ask(command: list[str]) -> dict[str, Any] | str:
     """A peer's answer, or the last line of why it has none."""
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=900)

@@ -7,9 +7,10 @@ stiffness. For more, the thickness of as many sectors of the disc.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from unittest.mock import patch
 
-from forward_timing import LEVELS, STIFFNESS, THICKNESS, in_turn  # pins the threads
+from forward_timing import LEVELS, STIFFNESS, THICKNESS, at_levels, in_turn  # pins the threads
 
 import numpy as np  # isort: skip
 
@@ -44,6 +45,8 @@ def sector_forces(membrane: Membrane, count: int, shape: np.ndarray) -> np.ndarr
 
 def gradient(path: Path, misfit: np.ndarray) -> np.ndarray:
     """Derivative of ½ Σ misfit² over 200 levels and all nodes by every parameter."""
+    assert path.sensitivity is not None
+    assert path.sensitivity_slope is not None
     weight = np.concatenate(path.weights(LEVELS), axis=2)
     # the weights of dx and dy are the same: they have one parity
     on_levels = weight[0].T @ misfit.reshape(len(misfit), -1)
@@ -84,12 +87,12 @@ def gradients(mesh: Mesh, repeats: int) -> list[str]:
         membrane = Membrane(mesh, THICKNESS, law)
         found = in_turn(
             {
-                "quarter": lambda membrane=membrane: trace_by_quarter(membrane, STIFFNESS)(LEVELS),
-                "quarter 3": lambda membrane=membrane: with_moduli(membrane, trace_by_quarter),
-                "path": lambda membrane=membrane: trace(membrane, STIFFNESS)(LEVELS),
-                "3": lambda membrane=membrane: with_moduli(membrane),
-                "12": lambda membrane=membrane: with_columns(membrane, 12),
-                "30": lambda membrane=membrane: with_columns(membrane, 30),
+                "quarter": partial(at_levels, membrane, trace_by_quarter),
+                "quarter 3": partial(with_moduli, membrane, trace_by_quarter),
+                "path": partial(at_levels, membrane),
+                "3": partial(with_moduli, membrane),
+                "12": partial(with_columns, membrane, 12),
+                "30": partial(with_columns, membrane, 30),
             },
             repeats,
         )

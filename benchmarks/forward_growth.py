@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from forward_timing import LEVELS, STIFFNESS, THICKNESS, in_turn, seconds  # pins the threads
+from forward_timing import (  # pins the threads
+    LEVELS,
+    STIFFNESS,
+    THICKNESS,
+    in_turn,
+    mirrored,
+    seconds,
+)
 
 import numpy as np  # isort: skip
 
 from bulgefit.fem.linear import SOLVERS, has_pardiso
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, disc
-from bulgefit.fem.quarter import quarter_of, trace_by_quarter
+from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
 
 #: Refinements of our disc, and those that are too much for a banded matrix.
@@ -31,8 +38,9 @@ def growth() -> list[str]:
     a shear modulus.
     """
     names = [name for name in SOLVERS if name != "pardiso" or has_pardiso()]
-    rows, paths = [], {name: [] for name in names}
-    quarters, by_quarter = [], {name: [] for name in names}
+    rows, quarters = [], []
+    paths: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
+    by_quarter: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
     for refine in REFINEMENTS:
         mesh = disc(100.0, refine)
         chosen = type(Membrane(mesh, THICKNESS).linear)
@@ -82,7 +90,7 @@ def growth() -> list[str]:
 def _quarter(mesh: Mesh, solver: str) -> tuple[int, int, float]:
     """Free displacements of the whole and of its quarter, and seconds of a path by quarter."""
     membrane = Membrane(mesh, THICKNESS, "svk", solver=solver)
-    quarter = quarter_of(membrane)
+    quarter = mirrored(membrane)
     span = LEVELS[0], LEVELS[-1]
     path = trace_by_quarter(membrane, STIFFNESS, span)
     own = trace(quarter.even, STIFFNESS, span)
@@ -130,7 +138,7 @@ def _slopes(paths: dict[str, list[tuple[int, float]]]) -> list[str]:
             for size, time in paths[name]:
                 best[size] = min(time, best.get(size, np.inf))
         points = np.array(sorted(best.items()))
-        slope = np.polyfit(*np.log(points).T, 1)[0]
+        slope = np.polyfit(np.log(points[:, 0]), np.log(points[:, 1]), 1)[0]
         lines.append(
             f"- {label}: {slope:.2f} ({points[0, 0]:.0f} to {points[-1, 0]:.0f} displacements)"
         )

@@ -9,14 +9,18 @@ os.environ.update(
 )
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, disc
+from bulgefit.fem.path import Path as ShapePath
+from bulgefit.fem.quarter import Quarter, quarter_of
+from bulgefit.fem.trace import trace
 
 HERE = Path(__file__).resolve().parent
 STUDY_MESH = HERE.parents[1] / "shared/data/abaqus/mesh.npz"
@@ -39,7 +43,7 @@ def seconds(job: Callable[[], object], repeats: int, *, warm: bool = False) -> f
 
 
 def in_turn(
-    jobs: dict[str, Callable[[], object]], repeats: int, *, batch: int = 1
+    jobs: Mapping[str, Callable[[], object]], repeats: int, *, batch: int = 1
 ) -> dict[str, float]:
     """Median processor time of each job; they take turns, so that they meet the same machine.
 
@@ -56,6 +60,19 @@ def in_turn(
             if turn:
                 times[name].append((time.process_time() - start) / batch)
     return {name: median(found) for name, found in times.items()}
+
+
+def at_levels(membrane: Membrane, traced: Callable[..., ShapePath] = trace) -> np.ndarray:
+    """Shapes (mm) at the levels, from a path that is traced for them."""
+    return traced(membrane, STIFFNESS)(LEVELS)
+
+
+def mirrored(membrane: Membrane) -> Quarter:
+    """The quarter of a membrane that is alike in both mirrors."""
+    quarter = quarter_of(membrane)
+    if quarter is None:
+        raise ArithmeticError("the membrane is not alike in both mirrors")
+    return quarter
 
 
 def study_mesh() -> tuple[str, Mesh]:

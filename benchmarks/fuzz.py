@@ -43,7 +43,7 @@ def good_files(folder: Path) -> dict[str, tuple[str, bytes]]:
     rng = np.random.default_rng(7)
     reference = rng.uniform(-60, 60, (20, 3))
     displacement = rng.normal(size=(3, 20, 3))
-    arrays = {
+    arrays: dict[str, Any] = {
         "reference": reference,
         "displacement": displacement,
         "pressure": np.array([0.1, 0.2, 0.3]),
@@ -62,7 +62,7 @@ def good_files(folder: Path) -> dict[str, tuple[str, bytes]]:
     return {kind: (name, (folder / name).read_bytes()) for kind, name in names.items()}
 
 
-def _write_hdf5(path: Path, arrays: dict[str, object]) -> None:
+def _write_hdf5(path: Path, arrays: dict[str, Any]) -> None:
     import h5py
 
     with h5py.File(path, "w") as file:

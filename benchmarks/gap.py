@@ -43,7 +43,8 @@ STRAINS = (1.0, 2.0, 3.0, 5.0)
 def gaps_of_each(found: Diagnosis, folder: Path) -> dict[str, dict[str, dict[str, float]]]:
     """e_w and the others of each test before and after, on its field and its profiles."""
     data = [p.data for p in found.prepared]
-    weight, told = weight_of(data), {}
+    weight = weight_of(data)
+    told: dict[str, dict[str, dict[str, float]]] = {}
     for index, (number, d) in enumerate(zip(FIELDS, data, strict=True)):
         profile = folder / f"valmex_test{number}_profiles.npz"
         for when, fit in (

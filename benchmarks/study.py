@@ -121,9 +121,10 @@ class Study:
         """Up to which pressure the model is stable with given parameters."""
         target = Objective([self.test(name, number)], name, self.setup, weight=WEIGHTS)
         try:
-            found = stability(target, at)
+            shapes = target.shapes([at.constants()])
         except SolveError as error:
             return f"no equilibrium above {10 * error.reached:.2f} bar"
+        found = stability(target.tests, shapes)
         if found.stable_up_to_bar is None:
             return "all frames"
         return f"{found.stable_up_to_bar:.2f} bar ({found.frames_beyond} frames beyond)"
@@ -226,7 +227,7 @@ def narrow(study: Study) -> list[str]:
         found = study.fit("e_w", [n], NARROW, starts=FEWER)
         wide = study.fit("e_w", [n])
         rows.append(
-            (n, moduli(found.material.values, found), number(found.value), number(wide.value))
+            (f"{n}", moduli(found.material.values, found), number(found.value), number(wide.value))
         )
     for name in ("e", "e_w", "e_z"):
         found = study.fit(name, TESTS, starts=FEWER)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from typing import Any
 
 import felupe
 import numpy as np
@@ -36,7 +37,7 @@ def main() -> None:
     permutation[0, 1, 2] = permutation[1, 2, 0] = permutation[2, 0, 1] = 1.0
     permutation[2, 1, 0] = permutation[0, 2, 1] = permutation[1, 0, 2] = -1.0
 
-    def forms(pressure: float) -> tuple[np.ndarray, object]:
+    def forms(pressure: float) -> tuple[np.ndarray, Any]:
         """Out-of-balance force and tangent of the shape that the field holds."""
         f = displacement.grad() + flat
         strain = 0.5 * (np.einsum("kiqc,kjqc->ijqc", f, f) - np.eye(2)[:, :, None, None])

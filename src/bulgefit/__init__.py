@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from bulgefit.fitting.fit import fit as fit
     from bulgefit.fitting.options import FitOptions as FitOptions
     from bulgefit.fitting.problem import Prior as Prior
-    from bulgefit.gap.diagnosis import diagnose as diagnose
+    from bulgefit.gap.diagnose import diagnose as diagnose
     from bulgefit.model.parameters import Material as Material
     from bulgefit.model.parameters import material as material
     from bulgefit.model.predict import predict as predict
@@ -61,7 +61,7 @@ _HOMES = {
     "batch_of": "bulgefit.fitting.batch",
     "bootstrap": "bulgefit.fitting.bootstrap",
     "crossval": "bulgefit.fitting.crossval",
-    "diagnose": "bulgefit.gap.diagnosis",
+    "diagnose": "bulgefit.gap.diagnose",
     "disc": "bulgefit.fem.mesh",
     "evaluate": "bulgefit.fitting.evaluate",
     "fit": "bulgefit.fitting.fit",

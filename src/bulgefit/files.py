@@ -27,9 +27,11 @@ __all__ = [
     "check_folder",
     "check_output",
     "checksum_of",
+    "drop_abandoned",
     "drop_unfinished",
     "memory_for",
     "open_regular",
+    "own_name",
 ]
 
 Place = str | os.PathLike[str]
@@ -187,7 +189,7 @@ def atomic_path(path: Place, force: bool = False) -> Iterator[Path]:
         `path` is refused by `check_output`, the folder is read-only, or the disk is full.
     """
     target = _target(path, force)
-    _drop_abandoned(target)
+    drop_abandoned(target.parent, f".{target.stem}.", target.suffix)
     temporary = _temporary(target)
     _unfinished.add(temporary)
     try:
@@ -239,9 +241,12 @@ def _written(path: Place) -> Iterator[None]:
 
 
 def _temporary(target: Path) -> Path:
-    """A name that tells whose it is: this machine's and process's."""
-    mark = f"{_machine()}-{os.getpid()}-{secrets.token_hex(4)}"
-    return target.with_name(f".{target.stem}.{mark}{target.suffix}")
+    return target.with_name(own_name(f".{target.stem}.", target.suffix))
+
+
+def own_name(head: str, tail: str) -> str:
+    """A new name that tells whose it is: this machine's and process's."""
+    return f"{head}{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{tail}"
 
 
 @cache
@@ -249,15 +254,14 @@ def _machine() -> str:
     return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
-def _drop_abandoned(target: Path) -> None:
-    """Remove what a process that was killed here had half-written in the place of `target`."""
+def drop_abandoned(folder: Path, head: str, tail: str) -> None:
+    """Remove files of an `own_name` whose processes were killed on this machine."""
     if os.name != "posix":  # elsewhere asking whether a process lives may end it
         return
-    head, tail = f".{target.stem}.{_machine()}-", target.suffix
-    for path in target.parent.iterdir():
-        mark = path.name.removeprefix(head).removesuffix(tail)
-        owner = re.fullmatch(r"(\d+)-[0-9a-f]{8}", mark)
-        if path.name.startswith(head) and owner:
+    whose = f"{head}{_machine()}-"
+    for path in folder.iterdir():
+        owner = re.fullmatch(r"(\d+)-[0-9a-f]{8}", path.name.removeprefix(whose).removesuffix(tail))
+        if path.name.startswith(whose) and owner:
             try:
                 os.kill(int(owner[1]), 0)
             except ProcessLookupError:

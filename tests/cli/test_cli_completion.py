@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import argparse
+import importlib
 import shutil
 import subprocess
 import sys
 
 import pytest
 
+from bulgefit.cli._values import _NAMES, offer_values
 from bulgefit.cli.main import VERBS, main
 
 pytest.importorskip("argcomplete", reason="completion needs argcomplete, which is not installed")
@@ -57,6 +60,13 @@ def offered(tmp_path_factory):
         ("bulgefit convert --centre ", {"rim", "apex"}),
         ("bulgefit info pla", {"plate.npz"}),
         ("bulgefit --completion ", {"bash", "zsh", "fish"}),
+        ("bulgefit fit plate.npz --objective ", {"e", "e_w", "e_z", "likelihood"}),
+        ("bulgefit crossval --method ", {"gauss-newton", "SLSQP"}),
+        ("bulgefit fit --with clamp_slip,pre", {"clamp_slip,prestrain"}),
+        ("bulgefit evaluate --hold clamp_sl", {"clamp_slip.compliance="}),
+        ("bulgefit trial --effects dic_sm", {"dic_smoothing"}),
+        ("bulgefit show --field residual_d", {"residual_dx", "residual_dy", "residual_dz"}),
+        ("bulgefit info --format vic3d", {"vic3d"}),
     ],
 )
 def test_what_bash_offers(offered, line, some):
@@ -64,6 +74,22 @@ def test_what_bash_offers(offered, line, some):
     assert found >= some
     typed = line.rpartition(" ")[2]
     assert all(word.startswith(typed) for word in found)
+
+
+@pytest.mark.parametrize(("verb", "option"), _NAMES)
+def test_names_are_offered_for_options_that_there_are(verb, option):
+    homes = [verb] if verb else list(VERBS)
+    found = []
+    for one in homes:
+        parser = argparse.ArgumentParser()
+        importlib.import_module(VERBS[one][0]).add_arguments(parser)
+        offer_values(parser, one)
+        found += [a.completer for a in parser._actions if option in a.option_strings]
+    assert found
+    names = found[0](prefix="")
+    assert names
+    assert len(set(names)) == len(names)
+    assert all(isinstance(name, str) and name for name in names)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

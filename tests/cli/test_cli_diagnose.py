@@ -57,12 +57,12 @@ def folder(moved, tmp_path, monkeypatch):
 @pytest.fixture
 def untouched(monkeypatch):
     """Fails where a diagnosis starts although it should have been refused before."""
-    import bulgefit.gap.diagnosis
+    import bulgefit.gap.diagnose
 
     def started(*_, **__):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr(bulgefit.gap.diagnosis, "diagnose", started)
+    monkeypatch.setattr(bulgefit.gap.diagnose, "diagnose", started)
 
 
 def refused(capsys, message, *words):
@@ -175,11 +175,11 @@ def test_a_held_out_test_is_met(folder, capsys):
 
 
 def test_a_held_out_test_that_is_too_small_is_refused_at_once(folder, capsys, monkeypatch):
-    import bulgefit.gap.diagnosis
+    import bulgefit.gap.diagnose
 
     few = arrays(frames=3)
     np.savez("few.npz", **few)
-    monkeypatch.setattr(bulgefit.gap.diagnosis, "explain", lambda *_, **__: pytest.fail("began"))
+    monkeypatch.setattr(bulgefit.gap.diagnose, "explain", lambda *_, **__: pytest.fail("began"))
     refused(capsys, "few: 3 usable frames are too few", "good.npz", "--holdout", "few.npz")
 
 

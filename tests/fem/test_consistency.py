@@ -105,6 +105,26 @@ def test_relaxed_stress_is_never_compressive_and_costs_less(law: str) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
+def test_the_wrinkle_is_the_one_of_least_energy(law: str) -> None:
+    """Of a stiff shear and D12 above D11: some others are minima, and leave compression."""
+    q = (*orthotropic_stiffness(32.354, 256.811, 218.509, 0.317765), *STRAIGHT, *NO_CURVES)
+    rng = np.random.default_rng(0)
+    strains = rng.normal(0.0, [0.05, 0.003, 0.01], (600, 3))
+    angles = np.linspace(0.0, np.pi, 45, endpoint=False)
+    found, other = np.empty(10), np.empty(10)
+    for c11, c22, c12 in np.add(strains, [1.0, 1.0, 0.0]):
+        state = point_response(c11, c22, c12, q, LAWS[law], True, found)
+        low = np.linalg.eigvalsh([[found[1], found[3]], [found[3], found[2]]])[0]
+        assert low >= -1e-9 * q[0]
+        if state != WRINKLED:
+            continue
+        for a in np.linspace(0.02, 0.5, 9):
+            for b, d in a * np.column_stack([np.cos(angles), np.sin(angles)]):
+                point_response(c11 + b * b, c22 + d * d, c12 + b * d, q, LAWS[law], False, other)
+                assert found[0] <= other[0] + 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS)
 def test_transitions_are_continuous(law: str) -> None:
     """Energy and stress along lines from taut through wrinkled to slack have no jump."""
     share = np.linspace(0, 1, 4001)[:, None]

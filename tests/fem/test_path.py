@@ -181,6 +181,52 @@ def test_loss_of_ellipticity_is_named_where_it_makes_the_path_unstable() -> None
     assert membrane.acoustic_margin(behind.displacement[-1], SOFT) < 0.0
 
 
+def test_ellipticity_is_lost_where_balanced_shapes_turn_unstable() -> None:
+    """Of soft shear and turned axes: the dense output turns unstable 2 % higher."""
+    membrane = Membrane(disc(100.0, 4), 0.81, angle=np.radians(57.636))
+    stiffness = orthotropic_stiffness(552.951, 25.2407, 0.718288, 0.215214)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    error = caught.value
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    behind = trace(membrane, stiffness, (1e-4, 1.05 * error.pressure), beyond_ellipticity=True)
+    stable = [
+        solve(membrane, behind(p)[0], p, stiffness, follow=True, exact=True).stable
+        for p in (0.998 * error.reached, 1.002 * error.pressure)
+    ]
+    assert stable == [True, False]
+
+
+def test_a_limit_pressure_that_comes_first_is_not_taken_for_a_loss_of_ellipticity() -> None:
+    """Behind its limit a branch is unstable, and may be so where the law has lost ellipticity."""
+    fabric = Fabric(slack=(0.0165910, -0.00355947))
+    membrane = Membrane(disc(100.0, 2), 0.81, fabric=fabric)
+    stiffness = orthotropic_stiffness(186.975, 22.0765, 198.478, 0.295973)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    error = caught.value
+    assert error.cause is Cause.LIMIT_PRESSURE
+    below = trace(membrane, stiffness, (1e-4, 0.999 * error.reached))
+    assert below.stable.all()
+    assert membrane.acoustic_margin(below.displacement[-1], stiffness) >= 0.0
+
+
+def test_no_descent_leaps_past_the_loss_of_ellipticity() -> None:
+    """Wrinkled cloth of soft shear: behind it lie stable shapes in bands, on other branches."""
+    mesh = disc(100.0, 4)
+    x, y = mesh.nodes.T / 100.0
+    height = 2.92137 + 5.22816 * x + 3.45917 * y + 3.14026 * (x * x - y * y) - 19.9531 * x * y
+    surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
+    membrane = Membrane(mesh, 0.81, fabric=Fabric(surface=surface, compliance=0.0180493))
+    stiffness = orthotropic_stiffness(444.692, 21.2981, 1.24319, 0.0725687)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    below = trace(membrane, stiffness, (1e-4, 0.999 * caught.value.reached))
+    assert below.wrinkled.all()
+    assert below.stable.all()
+
+
 @pytest.mark.parametrize("law", ["svk", "yarn"])
 def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     membrane = Membrane(disc(100.0, 3), 0.81, law)
@@ -204,6 +250,41 @@ def test_loose_cloth_is_found_from_a_pressure_that_draws_it_taut() -> None:
     assert path.stable.all()
     state = membrane.state(path.displacement[0], 1e-4, stiffness)
     assert np.abs(state.residual).max() < 1e-8 * stiffness.max()
+
+
+def test_wrinkled_cloth_is_balanced_to_the_last_correction() -> None:
+    """What follows a correction by one factor may be as large as it was, where wrinkles come."""
+    mesh = disc(100.0, 2)
+    x, y = mesh.nodes.T / 100.0
+    height = 4.2 - 6.0 * x + 2.6 * y + 6.4 * (x * x - y * y) + 17.3 * x * y
+    surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
+    membrane = Membrane(mesh, 0.81, fabric=Fabric(surface=surface, slack=(0.0, 0.01)))
+    stiffness = orthotropic_stiffness(2740.0, 4430.0, 6.34, 0.37)
+    for p in np.geomspace(1e-3, 0.1, 30):
+        guess = flat_guess(membrane, p, stiffness)
+        balance = solve(membrane, guess, p, stiffness, thrifty=True)
+        assert balance.wrinkled > 0
+        left = membrane.state(balance.displacement, p, stiffness, tangent=False).residual
+        # 1e-9 mm, and what rounding makes of it where cloth is all but loose
+        assert np.abs(balance.factor.solve(left)).max() <= 1e-8
+
+
+def test_wrinkles_that_keep_a_search_from_settling_are_no_rounding() -> None:
+    """Followed upwards, one of these shapes was left with corrections of 1e-7 mm as they stood."""
+    mesh = disc(100.0, 2)
+    x, y = mesh.nodes.T / 100.0
+    height = -7.4 - 9.6 * x - 4.1 * y + 7.2 * (x * x - y * y) + 15.6 * x * y
+    surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
+    membrane = Membrane(mesh, 0.81, "yarn", fabric=Fabric(surface=surface))
+    stiffness = orthotropic_stiffness(42.4, 88.3, 439.0, 0.307)
+    pressures = np.geomspace(5e-4, 0.05, 150)
+    shape = flat_guess(membrane, pressures[0], stiffness)
+    for p in pressures:
+        follow = bool(p > pressures[0])
+        shape = solve(membrane, shape, p, stiffness, thrifty=True, follow=follow).displacement
+        left = membrane.state(shape, p, stiffness, tangent=False).residual
+        # N: what 1e-9 mm take
+        assert np.abs(left).max() <= 1e-9 * stiffness.max() * membrane.thickness
 
 
 @pytest.mark.parametrize("stiffness", [(3.0, 3.0, 3.1, 1.0), (3.0, 3.0, 0.0, 0.0), (np.nan,) * 4])

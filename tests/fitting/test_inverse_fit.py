@@ -236,8 +236,7 @@ def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> No
 
     def of(*shapes: SimpleNamespace) -> Stability:
         tests = [SimpleNamespace(pressure=np.array([0.1, 0.2, 0.3])) for _ in shapes]
-        problem = SimpleNamespace(objective=SimpleNamespace(tests=tests))
-        return stability(problem, shapes)
+        return stability(tests, shapes)
 
     assert of(thick) == Stability(None, 0, True)
     assert of(thin, thick) == Stability(pytest.approx(1.5), 2, True)

@@ -75,6 +75,27 @@ def die_once(data: Data, item: int) -> int:
     return item * item
 
 
+def stop_once(data: Data, item: int) -> int:
+    """The process that gets item 2 stops itself, the first time."""
+    mark = data.log.with_name("stopped")
+    if item == 2 and not mark.exists():
+        mark.write_text(str(os.getpid()))
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return item * item
+
+
+def take_long(data: Data, item: int) -> int:
+    """Longer than a process that stands still is waited for."""
+    with data.log.with_name("begun").open("a") as file:
+        file.write("x")
+    time.sleep(6.0)
+    return item
+
+
+def tell(data: None, item: int) -> tuple[int, int]:
+    return os.getpid(), item
+
+
 def die_when_busy(dask_worker: Any) -> None:
     """Let a worker of a cluster kill itself in the midst of its first task from now on."""
 
@@ -164,6 +185,32 @@ def test_a_process_that_dies_is_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "died").exists()
     assert found == [0, 1, 4, 9, 16, 25]
     assert said == dict(enumerate(found))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs signals that stop a process")
+def test_a_process_that_stands_still_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped in the midst of its task; one that merely takes long is left alone."""
+    monkeypatch.setattr("bulgefit.parallel.spread.SILENCE", 0.2)
+    data = Data(tmp_path / "readers")
+    with open_executor(2, processes=True) as pool:
+        assert spread(pool, stop_once, data, range(4)) == [0, 1, 4, 9]
+    stopped = int((tmp_path / "stopped").read_text())
+    with pytest.raises(ProcessLookupError):
+        os.kill(stopped, 0)
+    with open_executor(1, processes=True) as pool:
+        assert spread(pool, take_long, data, [5]) == [5]
+    assert (tmp_path / "begun").read_text() == "x"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs signals that stop a process")
+def test_a_process_that_stands_still_is_not_waited_for_at_the_end() -> None:
+    with open_executor(1, processes=True) as pool:
+        [(stopped, _)] = spread(pool, tell, None, [0])
+        os.kill(stopped, signal.SIGSTOP)
+    with pytest.raises(ProcessLookupError):
+        os.kill(stopped, 0)
 
 
 def test_processes_that_always_die_are_given_up() -> None:

@@ -9,6 +9,8 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fitting.crossval import crossval
+from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.options import FitOptions, options_from
@@ -113,3 +115,38 @@ def test_an_effect_is_found_beside_the_moduli(make: Maker, setup: Setup) -> None
     entry = found.to_dict()["parameters"]["pressure_offset.offset@1"]
     assert entry["unit"] == "bar"
     assert entry["free"]
+
+    # the same values held, each of its own test, and as they were written
+    own = {f"pressure_offset.offset@{i}": offset for i, offset in enumerate(offsets)}
+    held = fit(tests, held=own, starts=1, setup=setup)
+    for name, value in truth.items():
+        assert held.material.values[name] == pytest.approx(value, rel=2e-3)
+    assert held.to_dict()["parameters"]["pressure_offset.offset@1"]["unit"] == "bar"
+    told = evaluate(tests, held.material, effects=own, setup=setup)
+    assert told["e_w"] < 0.01 * evaluate(tests, held.material, setup=setup)["e_w"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("clamp_slip.compliance@2", "there are 2 tests, @0 to @1"),
+        ("clamp_slip.compliance@b", "behind the @ stands the number of a test"),
+        ("clamp_slip.compliance@1", None),
+    ],
+)
+def test_what_is_one_tests_own_is_of_a_test_that_there_is(
+    make: Maker, setup: Setup, name: str, said: str | None
+) -> None:
+    tests, effects = [make(name="a"), make(name="b")], {name: 0.01}
+    moduli = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    if said is not None:
+        with pytest.raises(InputError, match=said):
+            evaluate(tests, moduli, effects=effects, setup=setup)
+        with pytest.raises(InputError, match=said):
+            FitOptions(held=effects, setup=setup).problem(tests)
+        return
+    assert evaluate(tests, moduli, effects=effects, setup=setup)["effects"] == effects
+    with pytest.raises(InputError, match=r"is of one among several tests; write clamp_slip\.comp"):
+        FitOptions(held=effects, setup=setup).problem(tests[:1])
+    with pytest.raises(InputError, match=r"held: .*@1 is of one test alone, and each fold leaves"):
+        crossval(tests, held=effects, setup=setup)

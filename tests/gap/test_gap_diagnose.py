@@ -16,10 +16,14 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.diagnosis import Diagnosis, _left_of_the_mesh, _left_out, diagnose
+from bulgefit.gap import apart
+from bulgefit.gap.caveats import left_of_the_mesh, left_out
+from bulgefit.gap.diagnose import diagnose
+from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.keys import at_edge, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.mesh_error import correct_mesh
+from bulgefit.parallel.journal import journaled
 from bulgefit.parallel.workers import open_executor
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -116,15 +120,15 @@ def test_the_meshs_error_is_that_of_the_best_model(offset: Diagnosis) -> None:
 def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
     assert prepared.strays == 0
-    (warning,) = _left_out([replace(prepared, strays=7)])
+    (warning,) = left_out([replace(prepared, strays=7)])
     assert "7 of" in warning
 
 
 def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:
     (prepared,) = offset.prepared
-    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
+    (warning,) = left_of_the_mesh([replace(prepared, mesh_error=0.5 * prepared.noise.sigma)])
     assert "could not be brought below a third of the noise" in warning
-    (warning,) = _left_of_the_mesh([replace(prepared, mesh_error=None)])
+    (warning,) = left_of_the_mesh([replace(prepared, mesh_error=None)])
     assert "could not be estimated" in warning
 
 
@@ -232,6 +236,25 @@ def test_workers_elsewhere_find_the_same_to_the_last_bit(
     assert len(set(others)) == len(others)
 
 
+def test_a_diagnosis_goes_on_from_its_journal(both: Diagnosis, tmp_path: Path) -> None:
+    """Stopped once the model without each of its parts is fitted: no model is fitted again."""
+    place, asked = tmp_path / "gap.json.part", {"verb": "diagnose"}
+
+    def stop(text: str) -> None:
+        if text == "held-out gap":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), journaled(place, asked):
+        diagnose(both.tests, effects=CANDIDATES, say=stop)
+    with pytest.MonkeyPatch.context() as patch, journaled(place, asked, resume=True):
+        patch.setattr(apart, "descend", None)
+        found = diagnose(both.tests, effects=CANDIDATES)
+    told, before = without_times(found), without_times(both)
+    # the last bits of a forecast far from its fit
+    assert told.pop("others") == pytest.approx(before.pop("others"), rel=1e-9, abs=0.0)
+    assert told == before
+
+
 def without_times(found: Diagnosis) -> dict[str, Any]:
     out = found.to_dict()
     del out["meta"]["seconds"]
@@ -291,7 +314,7 @@ def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
             parameters={},
         )
 
-    monkeypatch.setattr("bulgefit.gap.diagnosis.judge_held_out", fails)
+    monkeypatch.setattr("bulgefit.gap.diagnose.judge_held_out", fails)
     (test,) = offset.tests
     found = diagnose(test, holdout=test, effects=CANDIDATES)
     assert found.holdout is None

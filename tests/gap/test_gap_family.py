@@ -11,7 +11,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.fitting.problem import Prior
-from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.specimen import Specimen
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}

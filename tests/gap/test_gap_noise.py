@@ -10,7 +10,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import estimate_noise, noise_of
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import _left_out
+from bulgefit.gap.caveats import left_out
 from bulgefit.gap.prepare import _usable_frames, prepare
 
 SIGMA = np.array([0.006, 0.006, 0.015])
@@ -105,7 +105,7 @@ def test_what_comes_back_in_every_frame_is_not_averaged_away(points: np.ndarray)
     assert noise.inflation == pytest.approx(0.5 * 20 + 0.5, rel=0.2)
 
 
-def test_images_at_rest_that_lack_a_component_are_left_out(points: np.ndarray) -> None:
+def test_images_at_rest_that_lack_a_component_areleft_out(points: np.ndarray) -> None:
     rng = np.random.default_rng(4)
     rest = rng.normal(size=(4, len(points), 3)) * SIGMA
     rest[1, :, 2] = np.nan
@@ -166,5 +166,5 @@ def test_mixtures_count_as_what_was_recorded(points: np.ndarray) -> None:
     assert thinned.mixture == other.data.mixture
     alone = 1.0 + (other.noise.inflation - 1.0) / 3
     assert thinned.inflation == pytest.approx(13 / 7 * alone)
-    (warning,) = [w for w in _left_out([other]) if "mixtures" in w]
+    (warning,) = [w for w in left_out([other]) if "mixtures" in w]
     assert "its 13 frames are linear mixtures of 7" in warning

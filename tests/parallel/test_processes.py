@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
+from bulgefit.errors import InputError
+from bulgefit.parallel.parcels import sent
 from bulgefit.parallel.processes import Processes
+from bulgefit.parallel.spread import spread
 
 PARENT = Path(__file__).with_name("parent.py")
 
@@ -62,6 +66,52 @@ def test_workers_end_with_a_parent_that_is_killed(
     everybody_ends(parent, 10.0)
     assert parent.returncode == -signal.SIGKILL
     assert not [*(tmp_path / "sent").iterdir()]
+
+
+def test_what_is_left_of_a_parent_that_is_killed_with_its_workers_goes_later(
+    parent: subprocess.Popen[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody was left to remove it: whoever writes there next does; nothing else goes."""
+    left, folder = [*(tmp_path / "sent").iterdir()], tmp_path / "sent"
+    os.killpg(parent.pid, signal.SIGKILL)
+    everybody_ends(parent, 10.0)
+    assert [*folder.iterdir()] == left
+    # of a process that lives, of another machine, and no data of ours
+    others = [
+        left[0].with_name(left[0].name.replace(f"-{parent.pid}-", f"-{os.getppid()}-")),
+        left[0].with_name("bulgefit-01234567-1-01234567.pickle"),
+        left[0].with_name("bulgefit-notes.pickle"),
+    ]
+    for other in others:
+        other.touch()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    with Processes(1) as pool, sent(pool, "data") as handles:
+        pickle.dumps(handles)
+        assert len([*folder.iterdir()]) == len(others) + 1
+    assert sorted(folder.iterdir()) == sorted(others)
+
+
+@contextmanager
+def no_file_is_longer(than: int) -> Iterator[None]:
+    """Writing more fails in this process as on a full disk."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (than, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_where_data_for_workers_go_is_told_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    refused = pytest.raises(InputError, match="name another folder in TMPDIR")
+    with Processes(1) as pool, no_file_is_longer(1000), refused as caught:
+        spread(pool, max, b"x" * 2000, [b"y"])
+    assert "\n" not in str(caught.value)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_ctrl_c_ends_workers_without_a_word_of_theirs(

@@ -7,7 +7,7 @@ import pytest
 
 from bulgefit.dic import BulgeTest
 from bulgefit.fitting.fit import fit
-from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.setup import Setup
 

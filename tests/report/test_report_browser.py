@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bulgefit.report.page.page import page_html
@@ -55,6 +56,7 @@ def opened(profile: Any) -> Iterator[webdriver.Chrome]:
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(DRIVER))
     try:
+        driver.get("about:blank")  # what the browser's own first page asks for is none of ours
         yield driver
     finally:
         driver.quit()
@@ -83,10 +85,17 @@ def pages(found, fitted, plate, plain, tmp_path_factory):
         "gap": page_html(record, [replace(plate, name=NAME), replace(plate, name="second")]),
         "fit": page_html(fitted, [plain]),
         "bare": page_html(record, [None, None], notes=["no maps"]),
+        "oval": page_html(fitted, [oval(plain)]),
     }
     for name, text in texts.items():
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {name: folder / f"{name}.html" for name in texts}
+
+
+def oval(test):
+    """The same in a clamp of 100 by 60 mm."""
+    inside = np.linalg.norm(test.blocks[0].reference[:, :2] / (100.0, 60.0), axis=1) < 0.95
+    return replace(test.select(points=inside), radius=80.0, ellipticity=0.25)
 
 
 def show(browser, page, width=DESK, scheme="light", media=""):
@@ -202,6 +211,51 @@ def test_the_surface_turns_and_takes_its_colour_from_any_field(browser, pages):
         option.click()
         seen.add(pixels(browser, "#surface"))
     assert len(seen) == 3 + len(options[1::4])
+
+
+def test_an_elliptic_clamp_is_an_ellipse(browser, pages):
+    """What is painted of a map reaches as far as the clamp does along x and y, and no farther."""
+    show(browser, pages["oval"])
+    left, right, top, bottom = browser.execute_script("""
+      const c = document.querySelector("#maps canvas"), [w, h] = [c.width, c.height];
+      const [first, last] = [Math.round(0.1 * h), Math.round(0.78 * h)];
+      const d = c.getContext("2d").getImageData(0, first, w, last - first).data;
+      let [left, right, top, bottom] = [w, 0, h, 0];
+      for (let y = 0; y < last - first; y++) for (let x = 0; x < w; x++) {
+        if (!d[4 * (y * w + x) + 3]) continue;
+        [left, right] = [Math.min(left, x), Math.max(right, x)];
+        [top, bottom] = [Math.min(top, y), Math.max(bottom, y)];
+      }
+      return [left, right, top, bottom];
+    """)
+    assert (bottom - top) / (right - left) == pytest.approx(0.6, abs=0.02)
+
+
+def luminance(colour):
+    """Of `rgb(r, g, b)`, relative (WCAG 2.1)."""
+    parts = np.array([int(part) for part in colour[4:-1].split(",")]) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return linear @ (0.2126, 0.7152, 0.0722)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_numbers_stand_out_from_every_colour(browser, pages, scheme):
+    """By the contrast that WCAG 2.1 asks of text, 4.5."""
+    show(browser, pages["gap"], scheme=scheme)
+    pairs = browser.execute_script("""
+      const svg = document.querySelector(".discs svg"), out = [];
+      for (const sign of "np") for (const level of [1, 2, 3, 4]) {
+        const [field, text] = ["path", "text"].map((name) =>
+          svg.appendChild(document.createElementNS("http://www.w3.org/2000/svg", name)));
+        field.setAttribute("class", `w ${sign}${level}`);
+        text.setAttribute("class", `on${level}`);
+        out.push([getComputedStyle(field).fill, getComputedStyle(text).fill]);
+      }
+      return out;
+    """)
+    for field, text in pairs:
+        low, high = sorted([luminance(field), luminance(text)])
+        assert (high + 0.05) / (low + 0.05) >= 4.5
 
 
 def test_another_test_is_chosen(browser, pages):

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bulgefit.report._diagnosis_markdown import as_markdown
-from bulgefit.report._diagnosis_words import table
 from bulgefit.report.page.law_chart import law_chart
 from bulgefit.report.page.of_diagnosis import page_of_diagnosis
 from bulgefit.report.page.page import page_html
 from bulgefit.report.record import record_of
+from bulgefit.report.words.table import table
 
 STRAIN = np.array([0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.05])
 WARP, FILL = 200.0 * (STRAIN - 4.0 * STRAIN**2), 120.0 * STRAIN

@@ -10,18 +10,19 @@ import pytest
 from matplotlib.image import imread
 
 from bulgefit.effects.fields.base import Sampled
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import Verdict
+from bulgefit.gap.causes import Verdict
 from bulgefit.gap.effects import SHEAR
 from bulgefit.gap.explanation import Evidence, FoundField
 from bulgefit.report._diagnosis_charts import plot_cosines
 from bulgefit.report._diagnosis_maps import plot_where
 from bulgefit.report._diagnosis_markdown import as_markdown
-from bulgefit.report._diagnosis_words import table
 from bulgefit.report.diagnosis import check_report, write_report
 from bulgefit.report.numbers import value_text
 from bulgefit.report.page.of_diagnosis import page_of_diagnosis
 from bulgefit.report.record import budget_of, record_of
+from bulgefit.report.words.table import table
 
 
 def not_blank(path):
@@ -149,7 +150,10 @@ def test_several_tests_of_one_name(pair, tmp_path):
 
 def test_budget_goes_from_the_moduli_to_what_is_left(found):
     rows = budget_of(found)
-    assert [row["effect"] for row in rows] == [None, *found.explanation.groups]
+    assert [row["effect"] for row in rows] == [
+        None,
+        *(group.effect for group in found.explanation.groups),
+    ]
     assert rows[1]["parameters"] == [
         f"{kind}_{axis}" for kind in ("rotation", "shift") for axis in "xyz"
     ]
@@ -159,6 +163,19 @@ def test_budget_goes_from_the_moduli_to_what_is_left(found):
     ):
         assert rows[0][kind] == found.gaps[start]["e_w"]
         assert rows[-1][kind] == found.gaps[end]["e_w"]
+
+
+def test_cells_and_modes_are_written_alike_wherever_they_stand(found):
+    record = record_of(found)
+    cells, modes = (record["report"][kind]["baseline"][0] for kind in ("cells", "modes"))
+    assert record["where"]
+    for cell in record["where"]:
+        (same,) = (c for c in cells if cell.items() <= c.items())
+        assert same["band_bar"] == cell["pressure_band_bar"]
+    assert record["modes"] == [m for m in modes if m["growth"] != "within noise"] != []
+    for mode in modes:
+        assert mode["largest_mm"] == max(abs(a) for a in mode["amplitude_mm"])
+        assert len(mode["pressure_bar"]) == len(found.tests[0].pressure)
 
 
 def test_a_signature_is_what_the_residual_loses(found):
@@ -189,12 +206,12 @@ def test_words_of_every_verdict(found):
     ("group", "where", "told"),
     [
         (
-            "stiffness_field",
+            Owned("stiffness_field"),
             {"x_mm": -24.0, "y_mm": 4.0},
             "the place 'material' (relative change of stiffness: up to -0.45 at (-24, 4) mm, 0.26",
         ),
-        ("rim_field@0", {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
-        ("pressure_field", {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
+        (Owned("rim_field", 0), {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
+        (Owned("pressure_field"), {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
     ],
 )
 def test_what_has_no_name_is_told_by_its_place(found, group, where, told):

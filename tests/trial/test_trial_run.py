@@ -15,7 +15,7 @@ import pytest
 from bulgefit.cli import trial as verb
 from bulgefit.cli.main import _Parser
 from bulgefit.errors import InputError
-from bulgefit.gap.diagnosis import diagnose
+from bulgefit.gap.diagnose import diagnose
 from bulgefit.parallel.journal import Journal, journaled
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial import run as trial

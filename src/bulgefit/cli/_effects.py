@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
+    from bulgefit.effects.parameter import Key
     from bulgefit.fitting.problem import Prior
 
 __all__ = [
@@ -169,16 +170,18 @@ def _is_gap(content: dict[str, Any]) -> bool:
     return "causes" in content
 
 
-def _told_effects(content: dict[str, Any]) -> dict[str, float]:
-    """Values by `effect.parameter`, or `effect.parameter@i` of test i."""
+def _told_effects(content: dict[str, Any]) -> dict[Key, float]:
+    from bulgefit.effects.parameter import Key
+
     if _is_gap(content):
-        return {
-            f"{cause['effect']}.{name}": float(told["value"])
+        told = {
+            f"{cause['effect']}.{name}": found
             for cause in content["causes"]
-            for name, told in cause["parameters"].items()
+            for name, found in cause["parameters"].items()
         }
-    told = content["parameters"]
-    return {name: float(told[name]["value"]) for name in told if "." in name}
+    else:
+        told = {name: found for name, found in content["parameters"].items() if "." in name}
+    return {Key.read(name): float(found["value"]) for name, found in told.items()}
 
 
 def _found_effects(path: Path, tests: int) -> dict[str, float]:
@@ -191,18 +194,17 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
         told = _told_effects(_read(path))
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
-    for name, value in told.items():
-        base, at, index = name.partition("@")
-        if base not in known:
+    for key, value in told.items():
+        if key.name not in known:
             raise InputError(
-                f"--from {path}: {base} is no parameter that a model can be given (an offset "
+                f"--from {path}: {key.name} is no parameter that a model can be given (an offset "
                 "of every point, say); leave it out and hold the others with --hold"
             )
-        if at and tests == 1:
+        if key.specimen is not None and tests == 1:
             raise InputError(
                 f"--from {path}: it is about several tests; give them all, or --hold the values"
             )
-        held[f"{base}@{index}" if at else base] = value
+        held[str(key)] = value
     return held
 
 

@@ -116,9 +116,9 @@ def run(args: argparse.Namespace) -> int:
     holdout = _holdout(args, tests)
     _common.check_outputs(args, _fitting.inputs(args), _report_files(args, tests))
 
-    from bulgefit.gap.diagnosis import diagnose
-    from bulgefit.report._diagnosis_words import table
+    from bulgefit.gap.diagnose import diagnose
     from bulgefit.report.record import record_of
+    from bulgefit.report.words.table import table
 
     with _resuming.resumable(args, "diagnose", [*tests, *([holdout] if holdout else [])]):
         # threads would wait for each other: most of a refit is Python

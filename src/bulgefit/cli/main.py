@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
+from bulgefit.cli._values import offer_values
 from bulgefit.cli.completion import SHELLS, Completion, complete, is_asked
 from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
 from bulgefit.cli.stopping import Told, leave, listen
@@ -134,6 +135,7 @@ def _add_verbs(verbs: Any, chosen: str) -> None:
         parser = verbs.add_parser(verb, help=line)
         if verb == chosen:
             _fill(parser, importlib.import_module(home))
+            offer_values(parser, verb)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     kinds = _kinds(args.effects)
     workers = _common.workers_from(args)
 
-    from bulgefit.gap.diagnosis import diagnose
+    from bulgefit.gap.diagnose import diagnose
     from bulgefit.gap.effects import CATALOGUE
     from bulgefit.trial.recording import Recipe
     from bulgefit.trial.run import run_trial, score_folder

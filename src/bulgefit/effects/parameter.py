@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
-__all__ = ["Key", "Parameter"]
+from bulgefit.errors import InputError
+
+__all__ = ["Key", "Owned", "Parameter", "of_specimen"]
+
+Value = TypeVar("Value")
 
 #: Length (mm) below which one that acts through its square steps as if it were that long: at none
 #: at all its derivative is nothing, and a fit would never leave it.
@@ -34,8 +39,54 @@ class Key(NamedTuple):
         effect, dot, parameter = name.partition(".")
         return cls(effect, parameter, specimen) if dot else cls("", name, specimen)
 
+    @classmethod
+    def read(cls, text: str) -> Key:
+        """The key that was written as `effect.parameter`, or `effect.parameter@i` of specimen i.
+
+        Raises
+        ------
+        InputError
+            What stands behind the @ is no specimen's number.
+        """
+        return cls.of(*_apart(text))
+
     def __str__(self) -> str:
-        return self.name if self.specimen is None else f"{self.name}@{self.specimen}"
+        return _written(self.name, self.specimen)
+
+
+class Owned(NamedTuple):
+    """An effect, and of which specimen; None for what all share, and where there is only one."""
+
+    effect: str
+    specimen: int | None = None
+
+    @classmethod
+    def read(cls, text: str) -> Owned:
+        """What was written as `effect`, or `effect@i` of specimen i; InputError as `Key.read`."""
+        return cls(*_apart(text))
+
+    def __str__(self) -> str:
+        return _written(self.effect, self.specimen)
+
+
+def _written(name: str, specimen: int | None) -> str:
+    return name if specimen is None else f"{name}@{specimen}"
+
+
+def _apart(text: str) -> tuple[str, int | None]:
+    name, at, specimen = text.partition("@")
+    if at and not (specimen.isascii() and specimen.isdigit()):
+        raise InputError(f"{text!r}: behind the @ stands the number of a test, 0 for the first")
+    return name, int(specimen) if at else None
+
+
+def of_specimen(values: Mapping[str, Value], specimen: int | None) -> dict[str, Value]:
+    """By `effect.parameter`, what is a specimen's own or shared, of values by written keys.
+
+    Of no specimen: what is shared.
+    """
+    keys = {Key.read(text): value for text, value in values.items()}
+    return {k.name: v for k, v in keys.items() if k.specimen in (None, specimen)}
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def solve(
         if thrifty and stable:
             enough = max(enough, search.within_reach(step))
         if ahead <= enough and search.shift == 0.0:
-            polished = search.polish(displacement, factor, correction, step, unit)
+            polished = search.polish(displacement, state, factor, correction, step)
             if polished is not None:
                 if exact:
                     factor, stable = search.own_factor(polished)
@@ -293,23 +293,35 @@ class _Search:
         raise NewtonError("no step makes progress", iteration, _norm(state), self.work)
 
     def polish(
-        self, displacement: Floats, factor: Factor, correction: Floats, step: float, unit: float
+        self, displacement: Floats, state: State, factor: Factor, correction: Floats, step: float
     ) -> Floats | None:
         """Correct with the factor at hand until nothing moves; None where that stalls early.
 
         Corrections by one factor shrink at a steady rate, twice that of the first one after a
-        Newton step: what the next one will be is known from this one and the `step` before.
+        Newton step: what the next one will be is known from this one and the `step` before. Not
+        where there are wrinkles: the next one may be as large as the last there, and is looked at.
         """
         size = step
         for _ in range(15):
             previous, size = size, float(np.abs(correction).max())
             if size > 0.5 * previous:
-                return displacement if previous <= self._rounding else None
+                settled = previous <= self._rounding and not self._jumps(state)
+                return displacement if settled else None
             displacement = displacement + self.membrane.spread(correction)
-            if size * min(1.0, 2.0 * size / previous) <= CORRECTION * unit:
+            rate = 1.0 if state.wrinkled else min(1.0, 2.0 * size / previous)
+            if size * rate <= CORRECTION * self._unit:
                 return displacement
-            correction = self.correct(factor, self.look(displacement))
+            state = self.look(displacement)
+            correction = self.correct(factor, state)
         return None
+
+    def _jumps(self, state: State) -> bool:
+        """Whether wrinkles that come and go, and not rounding, keep corrections from shrinking.
+
+        Rounding leaves less out of balance than the least correction that counts would.
+        """
+        force = CORRECTION * self._unit * float(self.stiffness[:2].max()) * self.membrane.thickness
+        return state.wrinkled > 0 and _norm(state) > force
 
     def within_reach(self, step: float) -> float:
         """Correction (mm) after a step of this size that `CORRECTIONS` more would make vanish.

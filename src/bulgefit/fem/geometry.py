@@ -64,13 +64,10 @@ class ReferenceSurface:
         first /= np.linalg.norm(first, axis=-1, keepdims=True)
         second = np.cross(normal, first)
         # J[i, j] = ∂(position along axis j)/∂(xi_i); gradients solve J G = ∂N/∂xi
-        jacobian = np.stack(
-            [
-                np.stack([(v * first).sum(-1), (v * second).sum(-1)], axis=-1)
-                for v in (by_xi, by_eta)
-            ],
-            axis=-2,
+        (a, b), (c, d) = (
+            [np.einsum("mgx,mgx->mg", v, axis)[..., None] for axis in (first, second)]
+            for v in (by_xi, by_eta)
         )
-        local = np.stack([SHAPE_XI, SHAPE_ETA], axis=1)  # (g, 2, 4)
-        gradient = np.swapaxes(np.linalg.solve(jacobian, local[None]), -1, -2)
-        return cls(np.ascontiguousarray(gradient), area)
+        along = np.stack([d * SHAPE_XI - b * SHAPE_ETA, a * SHAPE_ETA - c * SHAPE_XI], axis=-1)
+        gradient = along / (a * d - b * c)[..., None]
+        return cls(gradient, area)

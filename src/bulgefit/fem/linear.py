@@ -232,7 +232,7 @@ class SparseLU:
             values[self._diagonal] += shift * np.abs(values[self._diagonal]).mean()
         try:
             factor = splu(
-                self._full(values),
+                self._matrix(values),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
@@ -247,11 +247,15 @@ class SparseLU:
     def factorise_indefinite(self, data: Floats) -> LUFactor:
         """SuperLU with its threshold pivoting."""
         try:
-            return LUFactor(splu(self._full(data[:-1]), permc_spec="MMD_AT_PLUS_A"))
+            return LUFactor(splu(self.matrix(data), permc_spec="MMD_AT_PLUS_A"))
         except RuntimeError as error:
             raise NotPositiveDefiniteError(str(error)) from error
 
-    def _full(self, values: Floats) -> csc_matrix:
+    def matrix(self, data: Floats) -> csc_matrix:
+        """The whole symmetric matrix of what was assembled."""
+        return self._matrix(data[:-1])
+
+    def _matrix(self, values: Floats) -> csc_matrix:
         return csc_matrix(
             (values[self._entry], self._indices, self._indptr), shape=(self.size, self.size)
         )

@@ -25,6 +25,11 @@ __all__ = [
 
 TAUT, WRINKLED, SLACK = 0, 1, 2
 
+#: Of a compression over D11 + D22 that is none: a wrinkle is found to a thousandth of it.
+_NO_STRESS = 1e-10
+#: Directions of a wrinkle that are tried over a half turn where the first one does not do.
+_DIRECTIONS = 36
+
 #: W, S and CC of a point without stress.
 _NOTHING = (0.0,) * 10
 
@@ -45,13 +50,44 @@ def is_compressed(s11, s22, s12, modulus):
 
 
 @inner
-def _wrinkle(c11, c22, c12, q, law, at):
-    """Minimise W(C + a⊗a) over a by Newton's method.
+def _amplitude(n1, n2, q, at):
+    """Of the wrinkle along a unit vector n that frees it to first order; zero in tension."""
+    v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
+    snn = at[1] * v1 + at[2] * v2 + 2.0 * at[3] * v3
+    cnn = (
+        at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
+        + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
+    )  # fmt: skip
+    return math.sqrt(2.0 * max(-snn, 0.0) / max(cnn, 1e-12 * q[3]))
 
-    Parameters
-    ----------
-    at : tuple
-        `Law.response` at C.
+
+@inner
+def _along_compression(q, at):
+    """A wrinkle to start from: along the most compressed direction of S."""
+    angle = 0.5 * math.atan2(2.0 * at[3], at[1] - at[2]) + 0.5 * math.pi
+    n1, n2 = math.cos(angle), math.sin(angle)
+    amplitude = _amplitude(n1, n2, q, at)
+    return amplitude * n1, amplitude * n2
+
+
+@inner
+def _lowest(c11, c22, c12, q, law, at):
+    """A wrinkle to start from: that of the least energy over directions all round."""
+    lowest, a1, a2 = math.inf, 0.0, 0.0
+    for i in range(_DIRECTIONS):
+        angle = i * math.pi / _DIRECTIONS
+        n1, n2 = math.cos(angle), math.sin(angle)
+        amplitude = _amplitude(n1, n2, q, at)
+        b1, b2 = amplitude * n1, amplitude * n2
+        energy = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)[0]
+        if amplitude > 0.0 and energy < lowest:
+            lowest, a1, a2 = energy, b1, b2
+    return a1, a2
+
+
+@inner
+def _wrinkle(c11, c22, c12, q, law, a1, a2):
+    """Minimise W(C + a⊗a) over a by Newton's method.
 
     Returns
     -------
@@ -60,18 +96,6 @@ def _wrinkle(c11, c22, c12, q, law, at):
     at : tuple
         `Law.response` at the minimum.
     """
-    # Start: most compressed direction n of S, and the amplitude that frees it to first order.
-    s11, s22, s12 = at[1], at[2], at[3]
-    angle = 0.5 * math.atan2(2.0 * s12, s11 - s22) + 0.5 * math.pi
-    n1, n2 = math.cos(angle), math.sin(angle)
-    snn = s11 * n1 * n1 + s22 * n2 * n2 + 2.0 * s12 * n1 * n2
-    v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
-    cnn = (
-        at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
-        + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
-    )  # fmt: skip
-    amplitude = math.sqrt(2.0 * -snn / max(cnn, 1e-12 * q[3]))
-    a1, a2 = amplitude * n1, amplitude * n2
     scale = q[0] + q[1]
     at = law.response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
     for _ in range(60):
@@ -141,9 +165,17 @@ def _condense(a1, a2, at):
 
 @inner
 def _relaxed(c11, c22, c12, q, law):
-    """State, wrinkle (a1, a2) and response there of a compressed point; not condensed."""
-    at = law.response(c11, c22, c12, q)
-    converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, at)
+    """State, wrinkle (a1, a2) and response there of a compressed point; not condensed.
+
+    Where D12 is above D11 or D22 and shear is stiff, W has another minimum over a, at which what
+    is left of the stress is compression across the wrinkle.
+    """
+    flat = law.response(c11, c22, c12, q)
+    a1, a2 = _along_compression(q, flat)
+    converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
+    if at[1] + at[2] < -_NO_STRESS * (q[0] + q[1]):
+        a1, a2 = _lowest(c11, c22, c12, q, law, flat)
+        converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
     return (WRINKLED if converged else -1), a1, a2, at
 
 

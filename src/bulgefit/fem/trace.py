@@ -13,7 +13,7 @@ from bulgefit.errors import Cause, InputError, SolveError
 from bulgefit.fem.elasticity import STIFFNESS_NAMES
 from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
 from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
-from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
+from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.path import Path
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
@@ -108,17 +108,23 @@ class _Tracer:
 
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
-        return self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0
+        return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
-    def is_stable(self, s: float) -> bool:
-        """Whether the tangent of the dense output is positive definite."""
-        state = self.membrane.state(self.interpolate(s), s**3, self.stiffness)
-        self.work += 1
+    def is_sound(self, s: float) -> bool:
+        """Whether the shape that is balanced from the dense output is stable, or the law elliptic.
+
+        Of the dense output itself it would not do: where shear is soft, its 3e-4 mm move the
+        pressure at which a path turns unstable by a hundredth.
+        """
         try:
-            self.membrane.factorise(state, spent=True)
-        except NotPositiveDefiniteError:
+            balance = solve(
+                self.membrane, self.interpolate(s), s**3, self.stiffness, follow=True, exact=True
+            )
+        except NewtonError as error:
+            self.work += error.work
             return False
-        return True
+        self.work += balance.factorisations
+        return balance.stable or self.is_elliptic(balance.displacement)
 
     def solve(self, s: float, guess: Floats, *, follow: bool, rough: bool = False) -> float:
         """Balance a level and keep it; returns how far (mm) the guess was off.
@@ -356,18 +362,19 @@ def _check_ellipticity(tracer: _Tracer) -> None:
     Raises
     ------
     _StoppedError
-        With the pressure at which the path turns unstable, by bisection of the dense output.
+        With the pressure at which the path is both unstable and not elliptic, by bisection.
     """
     levels = tracer.levels
     if levels[-1].stable or tracer.is_elliptic(levels[-1].displacement):
         return
-    first = next(k for k, level in enumerate(levels) if not level.stable)
+    sound = [level.stable or tracer.is_elliptic(level.displacement) for level in levels]
+    first = sound.index(False)
     if first == 0:
         raise _lost_at(tracer, levels[0].s, 0.0)
     low, high = levels[first - 1].s, levels[first].s
     while high - low > _BRACKET * high:
         middle = 0.5 * (low + high)
-        if tracer.is_stable(middle):
+        if tracer.is_sound(middle):
             low = middle
         else:
             high = middle
@@ -441,9 +448,10 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """Add a level about `step` ahead; returns the share of the step that was made.
 
     Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
-    find there, descent of the potential does. Where steps in pressure fail, the branch is followed
-    by its volume until pressure can be stepped again, or its greatest pressure is passed; cloth
-    that is too loose for that is looked for where it is taut.
+    find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
+    into bands of shear, past the point where the path turns unstable. Where steps in pressure fail,
+    the branch is followed by its volume until pressure can be stepped again, or its greatest
+    pressure is passed; cloth that is too loose for that is looked for where it is taut.
 
     Raises
     ------
@@ -451,6 +459,8 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     """
     below = tracer.levels[-1]
     last, descend = below.s, tracer.descends and below.stable and below.wrinkled > 0
+    if tracer.elliptic and descend:
+        descend = tracer.is_elliptic(below.displacement)
     attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
     for share, follow in attempts:
         s = last + share * step
@@ -513,7 +523,13 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
         if point.pressure < here.pressure:
             raise _limit(tracer, points, failure)
         if tracer.elliptic and not point.stable and not tracer.is_elliptic(point.displacement):
-            raise _lost_at(tracer, np.cbrt(point.pressure), np.cbrt(here.pressure))
+            low, high = _turn(tracer, here, point)
+            # one that turned unstable before has passed its limit pressure, if pressure falls next
+            if low.stable or not here.stable:
+                reached = np.cbrt(low.pressure)
+                # what lies behind may be found on a branch of lower pressures
+                beyond = max(np.cbrt(high.pressure), reached * (1.0 + _BRACKET))
+                raise _lost_at(tracer, beyond, reached)
         s = np.cbrt(point.pressure)
         if s > beyond:
             try:
@@ -523,6 +539,25 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
     raise _given_up(tracer, failure, last.s)
+
+
+def _turn(tracer: _Tracer, low: Point, high: Point) -> tuple[Point, Point]:
+    """Bisect by volume where a branch becomes both unstable and not elliptic."""
+    while high.volume - low.volume > _BRACKET * abs(high.volume):
+        volume = 0.5 * (low.volume + high.volume)
+        start = 0.5 * (low.displacement + high.displacement)
+        pressure = 0.5 * (low.pressure + high.pressure)
+        try:
+            middle = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume)
+        except NewtonError as error:
+            tracer.work += error.work
+            break
+        tracer.work += middle.work
+        if middle.stable or tracer.is_elliptic(middle.displacement):
+            low = middle
+        else:
+            high = middle
+    return low, high
 
 
 def _ahead(points: list[Point], volume: float) -> Floats:

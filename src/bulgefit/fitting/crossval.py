@@ -12,6 +12,7 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.effects.parameter import Key, of_specimen
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.evaluate import evaluate
@@ -65,6 +66,7 @@ def crossval(
     if objective is not None:
         changes["objective"] = objective
     chosen = options_from(options, changes)
+    _check_owners(chosen)
     if chosen.weight is None:
         chosen = replace(chosen, weight=displacement_weight(tests))
     # in one problem first: what stands against that, such as ratios that differ, stands against all
@@ -87,6 +89,17 @@ def crossval(
             for i, left_out in enumerate(tests)
         ],
     )
+
+
+def _check_owners(options: FitOptions) -> None:
+    """Refuse what is said of one test by its number: folds number the tests anew."""
+    for what in ("held", "bounds", "priors"):
+        for name in getattr(options, what):
+            if Key.read(name).specimen is not None:
+                raise InputError(
+                    f"{what}: {name} is of one test alone, and each fold leaves a test out; say it "
+                    f"of all ({Key.read(name).name}), or fit without cross-validation"
+                )
 
 
 class _Folds:
@@ -125,7 +138,7 @@ def _fold(
         judged = evaluate(
             left_out,
             material,
-            effects={name: value for name, value in shared.items() if "@" not in name},
+            effects=of_specimen(shared, None),
             weight=options.weight,
             average=options.average,
             setup=options.setup,

@@ -7,9 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.effects.parameter import of_specimen
 from bulgefit.errors import SolveError
 from bulgefit.fitting.answers import Evaluation
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
+from bulgefit.fitting.problem import key_among
 from bulgefit.fitting.result import FORMAT, describe_tests, versions
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, as_effects, as_material
@@ -56,21 +58,14 @@ def evaluate(
 
 def _shapes(objective: Objective, material: Material, effects: Mapping[str, float]) -> list[Shapes]:
     """Corrected for the mesh's error, where the setup asks for that."""
-    values = [{**material.constants(), **_own(effects, i)} for i in range(len(objective.tests))]
+    count = len(objective.tests)
+    for name in effects:
+        key_among(name, count, "effects")
+    values = [{**material.constants(), **of_specimen(effects, i)} for i in range(count)]
     shapes = objective.shapes(values)
     if objective.setup.corrects_mesh:
         objective.correct_mesh(shapes)
     return shapes
-
-
-def _own(effects: Mapping[str, float], test: int) -> dict[str, float]:
-    """Of one test among several."""
-    out = {}
-    for name, value in effects.items():
-        key, at, index = name.partition("@")
-        if not at or index == str(test):
-            out[key] = value
-    return out
 
 
 def evaluate_resting(

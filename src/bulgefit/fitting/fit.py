@@ -24,7 +24,7 @@ from bulgefit.fitting.uncertainty import uncertainty_of
 from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["corrected_at_start", "fit", "polished"]
+__all__ = ["corrected_at_start", "fit", "polished", "stability"]
 
 Floats = NDArray[np.floating]
 
@@ -135,7 +135,7 @@ def _result(
         weights=objective.weights.tolist(),
         tests=objective.parts(shapes),
         descents=descents,
-        stability=stability(problem, shapes),
+        stability=stability(objective.tests, shapes),
         uncertainty=errors,
         quality=quality_of(problem, z, value, shapes, descents, errors, at_bound),
         options=options,
@@ -167,11 +167,11 @@ def _settings(problem: Problem, options: FitOptions) -> dict[str, Any]:
     }
 
 
-def stability(problem: Problem, shapes: Sequence[Shapes]) -> Stability:
+def stability(tests: Sequence[BulgeTest], shapes: Sequence[Shapes]) -> Stability:
     """Where the model with these parameters stops being stable, against the frames."""
     limits: list[float] = []
     beyond = 0
-    for test, one in zip(problem.objective.tests, shapes, strict=True):
+    for test, one in zip(tests, shapes, strict=True):
         if one.stable_up_to is not None:
             limits.append(one.stable_up_to)
             beyond += int((test.pressure > one.stable_up_to).sum())

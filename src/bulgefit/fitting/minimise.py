@@ -13,7 +13,7 @@ from scipy.optimize import lsq_linear, minimize
 from bulgefit.errors import InputError
 from bulgefit.fitting.problem import Evaluation, Problem
 
-__all__ = ["GAUSS_NEWTON", "Descent", "Limits", "Stop", "descend"]
+__all__ = ["GAUSS_NEWTON", "METHODS", "Descent", "Limits", "Stop", "descend"]
 
 Floats = NDArray[np.floating]
 
@@ -36,6 +36,7 @@ CREEPING, SLOWLY = 3, 0.1
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
 _WITHOUT_GRADIENT = ("Nelder-Mead", "Powell", "COBYLA", "COBYQA")
+METHODS = (GAUSS_NEWTON, *_WITH_GRADIENT, *_WITHOUT_GRADIENT)
 
 
 class Stop(Enum):
@@ -174,10 +175,7 @@ def descend(
 def _scipy(method: str) -> Callable[[_Recorder, Floats], tuple[str, bool]]:
     names = {m.lower(): m for m in (*_WITH_GRADIENT, *_WITHOUT_GRADIENT)}
     if method.lower() not in names:
-        raise InputError(
-            f"method: {method!r} is unknown; choose from {GAUSS_NEWTON}, "
-            + ", ".join((*_WITH_GRADIENT, *_WITHOUT_GRADIENT))
-        )
+        raise InputError(f"method: {method!r} is unknown; choose from {', '.join(METHODS)}")
     name = names[method.lower()]
 
     def run(recorder: _Recorder, start: Floats) -> tuple[str, bool]:

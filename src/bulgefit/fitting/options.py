@@ -34,8 +34,8 @@ class FitOptions:
         MPa, or the unit of an effect's parameter; default: from the tests' apex, and what is
         plausible.
     held : mapping of name to value
-        nu12 or nu where it is not the tests', and effects' parameters (`effect.parameter`) that
-        are not at their null.
+        nu12 or nu where it is not the tests', and effects' parameters (`effect.parameter`, test i's
+        own `effect.parameter@i`) that are not at their null.
     effects : sequence of str
         Effects, or single parameters of them, that are fitted beside the moduli.
     priors : mapping of name to Prior

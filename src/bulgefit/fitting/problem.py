@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.parameter import Key, Parameter, of_specimen
 from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.guess import bounds_from, start_box
@@ -20,7 +20,7 @@ from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, free_parameters, parameters_of
 
-__all__ = ["Evaluation", "Prior", "Problem", "stated_ratio"]
+__all__ = ["Evaluation", "Prior", "Problem", "key_among", "stated_ratio"]
 
 Floats = NDArray[np.floating]
 
@@ -81,8 +81,8 @@ class Problem:
     bounds : mapping of name to (lower, upper), optional
         Default: from the tests' apex (`bulgefit.fitting.guess`).
     held : mapping of name to value, optional
-        Values of parameters that are not free, `effect.parameter` among them; default the tests'
-        Poisson ratio and every effect's null.
+        Values of parameters that are not free, `effect.parameter` and test i's own
+        `effect.parameter@i` among them; default the tests' Poisson ratio and every effect's null.
     effects : iterable of str
         Freed beside the moduli: ids of effects, or of one parameter (`effect.parameter`).
     priors : mapping of name to Prior, optional
@@ -106,13 +106,13 @@ class Problem:
         implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
         moduli = free_parameters(kind, free, {**implied, **_of(given, dotted=False)})
         freed = _freed(effects, len(tests), objective)
-        _known(fixed, ours)
+        _known(fixed, ours, len(tests))
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
         names = [p.name for p in self.free]
-        self._base = [p.name.partition("@")[0] for p in self.free]
+        self._base = [key.name for key in self.keys]
         for name in fixed:
-            if name in names or name in self._base:
+            if Key.read(name).name in self._base:
                 raise InputError(f"hold: {name} is fitted; hold it or fit it")
         for name in given:
             if name not in (*names, *self._base):
@@ -203,7 +203,7 @@ class Problem:
                 for key, p in zip(self.keys, self.free, strict=True)
                 if key.effect and key.specimen in (None, i)
             }
-            out.append({**constants, **self.held_effects, **own})
+            out.append({**constants, **of_specimen(self.held_effects, i), **own})
         return out
 
     def names_of_tests(self) -> list[tuple[str, ...]]:
@@ -335,12 +335,12 @@ def _of(values: Mapping[str, Of], *, dotted: bool) -> dict[str, Of]:
     return {name: v for name, v in values.items() if ("." in name) is dotted}
 
 
-def _known(held: Mapping[str, float], ours: set[str]) -> None:
+def _known(held: Mapping[str, float], ours: set[str], count: int) -> None:
     for name, value in held.items():
         if not np.isfinite(value):
             raise InputError(f"hold: {name} must be finite, got {value:g}")
         if "." in name:
-            parameter_named(name)
+            parameter_named(key_among(name, count, "hold").name)
         elif name not in ours:
             raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
 
@@ -405,6 +405,22 @@ def _start_box(problem: Problem, given: Mapping[str, tuple[float, float]]) -> tu
         ends.append([(p.to_coordinate(v) - problem._lower[j]) / span for v in box])
     low, high = np.clip(np.array(ends).reshape(-1, 2), 0.0, 1.0).T
     return low, high
+
+
+def key_among(name: str, count: int, where: str) -> Key:
+    """The key of a name that may say of which test among several it is.
+
+    Raises
+    ------
+    InputError
+        There is no such test.
+    """
+    key = Key.read(name)
+    if key.specimen is not None and count == 1:
+        raise InputError(f"{where}: {name} is of one among several tests; write {key.name}")
+    if key.specimen is not None and key.specimen >= count:
+        raise InputError(f"{where}: {name}: there are {count} tests, @0 to @{count - 1}")
+    return key
 
 
 def stated_ratio(tests: Sequence[BulgeTest]) -> float:

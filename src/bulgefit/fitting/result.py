@@ -12,7 +12,7 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import dataframe
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.parameter import Key, Parameter, of_specimen
 from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import LIKELIHOOD, TestParts
@@ -109,12 +109,7 @@ class FitResult(Drawn):
 
     def effects_of(self, test: int) -> dict[str, float]:
         """Effects' parameters of a test by `effect.parameter`, for `bulgefit.predict`."""
-        own = {}
-        for name, value in self.effects.items():
-            key, at, index = name.partition("@")
-            if not at or int(index) == test:
-                own[key] = value
-        return own
+        return of_specimen(self.effects, test)
 
     @property
     def evaluations(self) -> int:
@@ -267,7 +262,7 @@ def _unit(name: str, free: Mapping[str, Parameter]) -> str:
     if name in free:
         return free[name].unit
     if "." in name:
-        return parameter_named(name.partition("@")[0]).unit
+        return parameter_named(Key.read(name).name).unit
     return "1" if name.startswith("nu") else "MPa"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Field, Sampled
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import SolveError
 from bulgefit.gap.apart import taken_apart
@@ -19,16 +19,14 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import (
     Coordinates,
-    effect_of,
     is_field,
-    specimen_of,
 )
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import determined, temper
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -110,12 +108,12 @@ def explain(
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    weighing = Weighing(whole, coordinates, search.problem.offsets)
+    weighing = Weighing(whole, coordinates, search.problem.offsets).beside(_excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    tempered = temper(whole, final.predictions, determined(fit, layout))
+    tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
-    left = max(tempered / search.problem.tempered, 1.0) if search.problem.misfits is None else 1.0
+    left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), left, search.names)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
@@ -124,9 +122,10 @@ def explain(
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
     if creased is not None:
         say("the model without offsets")
-        keys[CREASES] = offsets_of_points(len(whole))
-        evidence[CREASES] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
-        found_fields.append(FoundField(CREASES, _creases(whole, final)))
+        creases = Owned(CREASES)
+        keys[creases] = offsets_of_points(len(whole))
+        evidence[creases] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
+        found_fields.append(FoundField(creases, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
         final=final,
@@ -142,6 +141,20 @@ def explain(
     )
 
 
+def _excess(search: Search[Weighing]) -> float:
+    """Of the noise, where the best model was weighed beside a misfit; 1 where nothing is left.
+
+    What errs may also move the values of what does not: so standard errors and the ends of
+    descents count it.
+    """
+    problem, best = search.problem, search.best
+    if problem.misfits is None:
+        return 1.0
+    seen = regression_of(problem, best).predictions
+    bare = Weighing(problem.data, problem.coordinates, problem.offsets)
+    return temper(problem.data, seen, taken_up(bare, best, search.layout))
+
+
 def _stepped_fields(data: Sequence[Data]) -> list[Field]:
     """Fields that have coordinates, and of the tests all that they need."""
     tests = [d.specimen.test for d in data]
@@ -152,11 +165,11 @@ def _stepped_fields(data: Sequence[Data]) -> list[Field]:
     ]
 
 
-def _catalogued(names: Iterable[str]) -> tuple[str, ...]:
+def _catalogued(names: Iterable[Owned]) -> tuple[Owned, ...]:
     return tuple(n for n in names if not is_field(n))
 
 
-def _free(layout: Layout) -> tuple[str, ...]:
+def _free(layout: Layout) -> tuple[Owned, ...]:
     return tuple(g.id for g in layout.groups.values() if not g.always)
 
 
@@ -302,7 +315,8 @@ class _Trial:
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = temper(self.data, self.regression.predictions, determined(best, search.layout))
+            taken = taken_up(search.problem, best, search.layout)
+            by = temper(self.data, self.regression.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
@@ -380,7 +394,7 @@ def _creases(data: Sequence[Data], final: Regression) -> Sampled:
     return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
 
 
-def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:
+def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: Owned) -> tuple[Key, ...]:
     part, columns = layout.part(group), layout.columns(model)
     return tuple(coordinates.every[c].key for c in columns if part.start <= c < part.stop)
 
@@ -390,7 +404,7 @@ def _evidence(
     coordinates: Coordinates,
     layout: Layout,
     fit: Fit,
-    group: str,
+    group: Owned,
     without: Regression | None,
 ) -> Evidence:
     part = layout.part(group)
@@ -405,14 +419,14 @@ def _evidence(
 
 
 def _field(
-    coordinates: Coordinates, layout: Layout, fit: Fit, group: str, data: Sequence[Data]
+    coordinates: Coordinates, layout: Layout, fit: Fit, group: Owned, data: Sequence[Data]
 ) -> FoundField:
-    specimen = data[specimen_of(group) or 0].specimen
+    specimen = data[group.specimen or 0].specimen
     part = layout.part(group)
     own = {
         coordinates.every[c].key.parameter: float(fit.x[c]) for c in range(part.start, part.stop)
     }
-    sampled = fields()[effect_of(group)].sampled(own, specimen.test.radius, specimen.recorded)
+    sampled = fields()[group.effect].sampled(own, specimen.test.radius, specimen.recorded)
     return FoundField(group, sampled)
 
 

@@ -53,6 +53,8 @@ class Regression:
     converged : bool
     held : bool
         G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
+    excess : float
+        Variance of what errs smoothly over the noise's: above 1 where the model misses something.
     """
 
     keys: tuple[Key, ...]
@@ -63,6 +65,7 @@ class Regression:
     inflation: float
     converged: bool
     held: bool = False
+    excess: float = 1.0
 
     @property
     def columns(self) -> tuple[Key, ...]:
@@ -84,11 +87,11 @@ class Regression:
         return self.normal.held_out(realised=realised) / self.inflation
 
     def covariance(self) -> Floats:
-        """Of the parameters with derivatives, correlated noise included, (P, P)."""
+        """Of the parameters with derivatives, correlated noise and misfit included, (P, P)."""
         hessian = self.normal.whole.hessian
         scale = scales(hessian)
         inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-        return self.inflation * inverse * np.outer(scale, scale)
+        return self.excess * self.inflation * inverse * np.outer(scale, scale)
 
     def standard_errors(self) -> dict[Key, float]:
         """Of the parameters with derivatives."""

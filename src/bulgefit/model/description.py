@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -137,6 +137,8 @@ def describe(
     *,
     slips: bool = False,
     stretch: Floats | float = 1.0,
+    beside: Description | None = None,
+    hooks: Iterable[str] = (),
 ) -> Description:
     """Fill shape, clamp, material and load by the hooks of the active effects.
 
@@ -152,22 +154,67 @@ def describe(
         is that of a clamp that begins to slip.
     stretch : float or (2,) array
         The clamp's semi-axes over its radius: effects act on the disc of which it is the image.
+    beside : Description, optional
+        By other values, which act by `hooks` alone: what these do not touch is as there.
+    hooks : iterable of str
 
     Raises
     ------
     InputError
         Constants that are not admissible.
     """
+    changed = set(hooks)
+
+    def kept(*hooks: str) -> Description | None:
+        return beside if changed.isdisjoint(hooks) else None
+
+    scale = radius * stretch
+    load = there.load if (there := kept("load")) else _load(recorded, time, active)
+    if there := kept("outline", "height"):
+        surface = there.fabric.surface
+    else:
+        surface = _surface(mesh.nodes / scale, active, scale)
+    if there := kept("load", "clamp"):
+        edge, compliance = there.edge, there.fabric.compliance
+    else:
+        edge, compliance = _clamped(mesh, load, time, active, slips=slips)
+    if there := kept("material"):
+        fabric = replace(there.fabric, surface=surface, compliance=compliance)
+        return replace(there, fabric=fabric, load=load, edge=edge)
+    cloth = _cloth(values, active, _gauss_points(mesh) / scale)
+    return Description(
+        stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
+        angle=float(np.deg2rad(cloth.angle)),
+        fabric=_fabric(cloth, surface, compliance),
+        load=load,
+        edge=edge,
+    )
+
+
+def _load(recorded: Floats, time: Floats | None, active: Active) -> Load:
     load = Load(recorded, time, recorded)
-    unit = mesh.nodes / (radius * stretch)
-    cloth = _cloth(values, active, _gauss_points(mesh) / (radius * stretch))
-    outline, height, bent = unit, np.zeros(len(unit)), False
     for effect, own in active:
         load = effect.load(own, load)
+    if not (np.asarray(load.softening) > 0.0).all():
+        raise InputError("the fabric's stiffness falls to nothing within the test")
+    return load
+
+
+def _surface(unit: Floats, active: Active, scale: Floats | float) -> Floats | None:
+    """Stress-free positions (n, 3) mm of nodes at (n, 2) of the unit disc; None: flat and round."""
+    outline, height, bent = unit, np.zeros(len(unit)), False
+    for effect, own in active:
         if effect.uses("outline", "height"):
             bent = True
             outline = effect.outline(own, outline)
             height = height + effect.height(own, unit)
+    return np.column_stack([outline * scale, height]) if bent else None
+
+
+def _clamped(
+    mesh: Mesh, load: Load, time: Floats | None, active: Active, *, slips: bool
+) -> tuple[Floats | None, float | None]:
+    """Displacement of the rim's nodes and the clamp's compliance."""
     rim = mesh.nodes[mesh.rim]
     clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied, time=time)
     for effect, own in active:
@@ -175,16 +222,7 @@ def describe(
     compliance = clamping.compliance
     if compliance is not None or slips:
         compliance = max(compliance or 0.0, LEAST_SLIP)
-    if not (np.asarray(load.softening) > 0.0).all():
-        raise InputError("the fabric's stiffness falls to nothing within the test")
-    surface = np.column_stack([outline * (radius * stretch), height]) if bent else None
-    return Description(
-        stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
-        angle=float(np.deg2rad(cloth.angle)),
-        fabric=_fabric(cloth, surface, compliance),
-        load=load,
-        edge=clamping.edge,
-    )
+    return clamping.edge, compliance
 
 
 def cloth_law(values: Values, nulls: Values) -> tuple[Floats, Fabric]:

@@ -139,9 +139,14 @@ class Inflation:
         # what is as soon made as sent is made again
         return {**self.__dict__, "_like": {}, "_path": None}
 
-    def membrane(self, given: Description) -> Membrane:
-        """The membrane of a description, sharing the linear solver with those alike."""
+    def membrane(self, given: Description, beside: Membrane | None = None) -> Membrane:
+        """The membrane of a description, sharing the linear solver with those alike.
+
+        And its surface with the one beside, where it lies as that.
+        """
         slips = given.fabric.compliance is not None
+        if beside is None or (beside.fabric.compliance is not None) != slips:
+            beside = self._like.get(slips)
         made = Membrane(
             self.mesh,
             self.thickness,
@@ -150,7 +155,7 @@ class Inflation:
             angle=given.angle,
             solver=self.setup.linear_solver,
             fabric=given.fabric,
-            like=self._like.get(slips),
+            like=beside,
         )
         self._like.setdefault(slips, made)
         return made
@@ -377,7 +382,7 @@ class _Forces:
     def _compare(self, name: str, change: Change, inflation: Inflation) -> None:
         """What a parameter of shape, clamp or thickness changes of the membrane."""
         ends = (change.below, change.above)
-        below, above = (inflation.membrane(d) for d in ends)
+        below, above = (inflation.membrane(d, self._membrane) for d in ends)
         gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
         moves_edge = any(d.edge is not None for d in ends)
         if above.surface is not below.surface or moves_edge:

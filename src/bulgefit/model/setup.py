@@ -9,7 +9,9 @@ import numpy as np
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh
 
-__all__ = ["STUDY_LEVELS", "Setup"]
+__all__ = ["INTERPOLATIONS", "STUDY_LEVELS", "Setup"]
+
+INTERPOLATIONS = ("dense", "study", "none")
 
 #: The study's pressure levels, MPa.
 STUDY_LEVELS = np.linspace(0.001, 3.0, 200) * 0.1
@@ -53,9 +55,10 @@ class Setup:
     correct_mesh: bool = True
 
     def __post_init__(self) -> None:
-        if self.interpolation not in ("dense", "study", "none"):
+        if self.interpolation not in INTERPOLATIONS:
             raise InputError(
-                f"interpolation: {self.interpolation!r} is unknown; choose from dense, study, none"
+                f"interpolation: {self.interpolation!r} is unknown; choose from "
+                + ", ".join(INTERPOLATIONS)
             )
 
     @classmethod

@@ -50,6 +50,8 @@ _WINDOW_STEP = 4.0
 _KEPT = 8
 #: Of a modulus, the largest part by which a difference steps: it stays above zero, however soft.
 _SOFT = 1e-3
+#: Hooks that change shapes.
+_SHAPING = ("outline", "height", "clamp", "material", "load")
 #: Hooks that move points over the fabric.
 _PLACING = ("locate", "centre", "outline")
 
@@ -177,7 +179,7 @@ class VirtualTest:
         slips = False
         while True:
             here = self._describe(values, slips=slips)
-            changes = {n: self._change(n, values, slips) for n in names if _of_fabric(n)}
+            changes = {n: self._change(n, values, here, slips) for n in names if _of_fabric(n)}
             ends = [d for c in changes.values() for d in (c.below, c.above)]
             if slips or here.fabric.compliance is not None:
                 break
@@ -192,12 +194,19 @@ class VirtualTest:
             or change.below.law_parameters != change.above.law_parameters
         }
 
-    def _describe(self, values: Values, *, slips: bool) -> Description:
+    def _describe(
+        self,
+        values: Values,
+        *,
+        slips: bool,
+        beside: Description | None = None,
+        hooks: Iterable[str] = (),
+    ) -> Description:
         active = active_effects(values, self.nulls())
         test = self.test
         return describe(
             self.mesh, test.radius, self.recorded, self.time, values, active,
-            slips=slips, stretch=test.stretch,
+            slips=slips, stretch=test.stretch, beside=beside, hooks=hooks,
         )  # fmt: skip
 
     def description(self, values: Values) -> Description:
@@ -211,9 +220,13 @@ class VirtualTest:
             load = effect.load(own, load)
         return load
 
-    def _change(self, name: str, values: Values, slips: bool) -> Change:
+    def _change(self, name: str, values: Values, here: Description, slips: bool) -> Change:
         low, high = self.span(name, values)
-        below, above = (self._describe({**values, name: v}, slips=slips) for v in (low, high))
+        hooks = ["material"] if name in CONSTANTS else [h for h in _SHAPING if _uses(name, h)]
+        below, above = (
+            self._describe({**values, name: v}, slips=slips, beside=here, hooks=hooks)
+            for v in (low, high)
+        )
         return Change(below, above, high - low)
 
     def span(self, name: str, values: Values) -> tuple[float, float]:
@@ -541,8 +554,7 @@ def _uses(name: str, *hooks: str) -> bool:
 
 def _of_fabric(name: str) -> bool:
     """Whether a parameter may change shapes: those of the cameras alone do not."""
-    hooks = ("outline", "height", "clamp", "material", "load")
-    return name in CONSTANTS or effect_named(name.partition(".")[0]).uses(*hooks)
+    return name in CONSTANTS or effect_named(name.partition(".")[0]).uses(*_SHAPING)
 
 
 def _gathered_by_nodes(

@@ -317,6 +317,11 @@ def _opened(content: bytes, path: Path) -> Any:
         raise InputError(f"{path}: damaged; begin anew with --force") from error
 
 
+def _named(found: type) -> bool:
+    """Whether it is a tuple with named fields, such as the keys of what a diagnosis found."""
+    return issubclass(found, tuple) and hasattr(found, "_fields")
+
+
 class _Reader(pickle.Unpickler):
     """Makes arrays, and results of our own classes; a journal runs nothing that it names."""
 
@@ -326,6 +331,6 @@ class _Reader(pickle.Unpickler):
         if (module, name) in _NUMPY:
             return found
         ours = module.startswith("bulgefit.") and isinstance(found, type)
-        if ours and (dataclasses.is_dataclass(found) or issubclass(found, Enum)):
+        if ours and (dataclasses.is_dataclass(found) or issubclass(found, Enum) or _named(found)):
             return found
         raise InputError(f"asks for {module}.{name}, which is no result; begin anew with --force")

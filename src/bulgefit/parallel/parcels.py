@@ -16,15 +16,20 @@ import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 from uuid import uuid4
 
+from bulgefit.errors import InputError
+from bulgefit.files import drop_abandoned, own_name
 from bulgefit.parallel.cluster import client_of
 
 __all__ = ["drop_files", "sent", "sent_once"]
 
 Kind = TypeVar("Kind", bound=type)
+
+_BINARY = getattr(os, "O_BINARY", 0)
 
 #: Kinds that are `sent_once`.
 _once: tuple[type, ...] = ()
@@ -195,12 +200,34 @@ def _pickled(value: Any) -> bytes:
 _files: set[str] = set()
 
 
+#: Their names begin and end with these.
+_HEAD, _TAIL = "bulgefit-", ".pickle"
+
+
 def _filed(content: bytes) -> str:
-    descriptor, file = tempfile.mkstemp(prefix="bulgefit-", suffix=".pickle")
+    folder = Path(tempfile.gettempdir())
+    _sweep(folder)
+    file = str(folder / own_name(_HEAD, _TAIL))
     _files.add(file)
-    with open(descriptor, "wb") as out:
-        out.write(content)
+    try:
+        # the user's alone, whatever the umask says
+        made = os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY | _BINARY, 0o600)
+        with open(made, "wb") as out:
+            out.write(content)
+    except OSError as error:
+        _remove(file, os.getpid())
+        raise InputError(
+            f"{folder}: what the worker processes need cannot be written there "
+            f"({error.strerror or error}); make room, or name another folder in TMPDIR"
+        ) from error
     return file
+
+
+@cache
+def _sweep(folder: Path) -> None:
+    """Remove what is left of processes that were killed together with all their workers."""
+    with suppress(OSError):  # a folder that may be written to and not be read
+        drop_abandoned(folder, _HEAD, _TAIL)
 
 
 def _filed_once(part: Any) -> str:

@@ -11,17 +11,25 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures import wait as settled
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as ready
 from typing import Any
 
 from bulgefit.parallel.parcels import drop_files
 
 __all__ = ["Processes"]
 
+#: Seconds between the beats of a process, and within which it ends when the leash is closed.
+BEAT, GRACE = 1.0, 3.0
+#: Calls of `end_stalled` without a beat after which a process is given up. `spread` calls it every
+#: three seconds without a result: a minute, sixty beats, of which a machine under load sends some.
+UNHEARD = 20
+
 
 class Processes(Executor):
     """Fresh processes, which end with this object, or with the process that made it.
 
-    After one has died, `renew` starts others.
+    After one has died, `renew` starts others. One that stands still, because it was stopped or
+    waits for what never comes, is told by the beat that every process sends.
 
     Parameters
     ----------
@@ -36,12 +44,14 @@ class Processes(Executor):
     def _fresh(self) -> None:
         # the end that this process alone holds is closed when it ends, however it ends
         far, self._leash = multiprocessing.Pipe(duplex=False)
+        self._beats, pulse = multiprocessing.Pipe(duplex=False)
+        self._silent: dict[int, int] = {}
         # spawned, so that they start the same everywhere and know nothing of this process
         self._pool = ProcessPoolExecutor(
             self._workers,
             multiprocessing.get_context("spawn"),
             initializer=_begin,
-            initargs=(far,),
+            initargs=(far, pulse),
         )
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -63,12 +73,17 @@ class Processes(Executor):
                 future.cancel()
         if wait:
             settled([*self._open])
-            self._leash.close()
+            self.kill()
         self._pool.shutdown(wait, cancel_futures=cancel_futures)
 
     def kill(self) -> None:
         """End the processes at once, in the midst of whatever they do."""
         self._leash.close()
+        self._hear()
+        for child in self._children():
+            # one that stands still does not see the leash go
+            if not ready([child.sentinel], GRACE):
+                child.kill()
 
     def renew(self) -> None:
         """Replace the processes."""
@@ -76,22 +91,50 @@ class Processes(Executor):
         self._leash.close()
         self._fresh()
 
+    def end_stalled(self) -> None:
+        """End processes of which nothing was heard in the last `UNHEARD` calls of this.
 
-def _begin(leash: Connection) -> None:
+        Calls are counted, and not seconds: they rest while this process itself is stopped.
+        """
+        heard = self._hear()
+        for child in self._children():
+            pid = child.pid or 0
+            self._silent[pid] = 0 if pid in heard else self._silent[pid] + 1
+            if self._silent[pid] >= UNHEARD:
+                child.kill()
+
+    def _hear(self) -> set[int]:
+        """Who sent a beat since the last call."""
+        heard = set()
+        while self._beats.poll():
+            heard.add(int.from_bytes(self._beats.recv_bytes(), "little"))
+        for pid in heard:
+            self._silent.setdefault(pid, 0)
+        return heard
+
+    def _children(self) -> list[Any]:
+        """The processes that were ever heard of, as long as they live."""
+        return [child for child in multiprocessing.active_children() if child.pid in self._silent]
+
+
+def _begin(leash: Connection, pulse: Connection) -> None:
     """What a process does first."""
     # a terminal's Ctrl-C is for the process that started this one, and ends it by the leash
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(leash,), daemon=True).start()
+    threading.Thread(target=_end_with, args=(leash, pulse), daemon=True).start()
 
 
-def _end_with(leash: Connection) -> None:
-    """End this process when the other end of the leash is closed.
+def _end_with(leash: Connection, pulse: Connection) -> None:
+    """Send a beat as long as the other end of the leash is held; when it is closed, end.
 
     No signal does that everywhere: Linux alone tells of a parent's death, and means the thread
     that started the child. Kernels leave the interpreter to this thread while they compute.
     """
     with suppress(EOFError, OSError):
-        leash.recv_bytes()  # nothing is ever sent
+        while True:
+            pulse.send_bytes(os.getpid().to_bytes(8, "little"))
+            if leash.poll(BEAT):
+                leash.recv_bytes()  # nothing is ever sent
     parent = multiprocessing.parent_process()
     assert parent is not None
     parent.join(0.1)

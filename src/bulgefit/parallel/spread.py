@@ -26,10 +26,12 @@ from bulgefit.errors import BulgefitError
 from bulgefit.parallel.cluster import client_of, is_there
 from bulgefit.parallel.journal import Journal, within_a_piece
 from bulgefit.parallel.parcels import sent
+from bulgefit.parallel.processes import Processes
 
 __all__ = ["counted", "spread"]
 
-#: Seconds without a result after which a scheduler is asked whether it is still there.
+#: Seconds without a result after which a scheduler is asked whether it is still there, and
+#: processes whether they still run.
 SILENCE = 3.0
 
 #: Told of every `spread` that this thread calls how much of it is done.
@@ -136,8 +138,11 @@ def _results(
         waiting = set(futures)
         while waiting:
             finished, waiting = wait(waiting, SILENCE, FIRST_COMPLETED)
-            if not finished and not is_there(executor, SILENCE):
-                break  # nobody is left who would finish or cancel them
+            if not finished:
+                if not is_there(executor, SILENCE):
+                    break  # nobody is left who would finish or cancel them
+                if isinstance(executor, Processes):
+                    executor.end_stalled()
             for future in finished:
                 try:
                     result = future.result()

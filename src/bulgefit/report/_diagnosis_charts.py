@@ -8,8 +8,8 @@ from typing import Any
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.follow_up.separate import ALIKE, cosine_matrix
 from bulgefit.report import _figure
-from bulgefit.report._diagnosis_words import budget_labels, names_of
 from bulgefit.report.record import Record
+from bulgefit.report.words.names import budget_labels, names_of
 
 __all__ = ["plot_budget", "plot_cosines"]
 
@@ -45,9 +45,10 @@ def plot_cosines(
     panel.set_xticks(range(count), names, rotation=45, ha="right", rotation_mode="anchor")
     panel.set_yticks(range(count), names)
     panel.tick_params(labelsize=_figure.FONT - 1, length=0)
+    named = {group.effect for group in diagnosis.explanation.groups}
     for labels in (panel.get_xticklabels(), panel.get_yticklabels()):
         for label in labels:
-            if label.get_text() in diagnosis.explanation.groups:
+            if label.get_text() in named:
                 label.set_fontweight("bold")
     colour_bar = figure.colorbar(drawn, ax=panel, shrink=0.7, pad=0.02)
     colour_bar.set_label("cosine, moduli projected out", fontsize=_figure.FONT)

@@ -66,7 +66,7 @@ def plot_component(
             head = title + "\n" if row == 0 else ""
             panel.set_title(head + text, fontsize=_figure.FONT - (column >= 2 and row > 0))
         drawn.append(last)
-    outer_ticks(panels, data.specimen.test.radius)
+    outer_ticks(panels, data.specimen.test.semi_axes)
     for panel, frame in zip(panels[:, 0], frames, strict=True):
         bar = 10.0 * data.specimen.recorded[frame]
         panel.set_ylabel(f"{bar:.3g} bar\ny (mm)", fontsize=_figure.FONT)
@@ -116,7 +116,7 @@ def plot_signatures(
     figure = Figure(figsize=(2.35 * width + 1.2, 7.6 * len(steps) + 0.5), layout="constrained")
     blocks = figure.subfigures(len(steps), 1, hspace=0.03, squeeze=False)
     for block, step in zip(blocks[:, 0], steps, strict=True):
-        block.suptitle(step.group, fontsize=_figure.FONT + 2, fontweight="bold")
+        block.suptitle(step.name, fontsize=_figure.FONT + 2, fontweight="bold")
         panels = block.subplots(3, width)
         before = residual_of(data, step.before, index)[frames]
         after = residual_of(data, step.after, index)[frames]
@@ -128,12 +128,12 @@ def plot_signatures(
             limit = limit_of(fields[0], fields[1])
             for k, frame in enumerate(frames):
                 bar = f"{10.0 * data.specimen.recorded[frame]:.3g} bar"
-                titles = ("residual before", f"what {step.group} adds", "what is left")
+                titles = ("residual before", f"what {step.name} adds", "what is left")
                 for place, (title, field) in enumerate(zip(titles, fields, strict=True)):
                     panel = row[3 * k + place]
                     drawn = draw_points(panel, data, field[k], -limit, limit, SIGNED)
                     head = f"{title},\n{bar}\n" if component == 0 else ""
                     panel.set_title(head + rms(field[k]), fontsize=_figure.FONT - 1)
             colour_bar(block, drawn, row, f"{COMPONENTS[component]} (mm)", pad=0.01, aspect=15)
-        outer_ticks(panels, data.specimen.test.radius)
+        outer_ticks(panels, data.specimen.test.semi_axes)
     return _figure.finished(figure, path, force)

@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.residual.locate import Growth, Mode, azimuthal_modes
@@ -49,7 +50,7 @@ def plot_where(
         colours = _colours(_limit(ours))
         for panel, band in zip(row, bands, strict=False):
             inside = [c for c in ours if c.band == band]
-            _draw_disc(panel, {c.region: c for c in inside}, colours)
+            _draw_disc(panel, {c.region: c for c in inside}, colours, data.specimen.test.stretch)
             panel.set_title(
                 f"{component}, {band[0]:.3g} to {band[1]:.3g} bar\n"
                 f"{sum(c.share for c in inside):.1%} of {whole}",
@@ -84,10 +85,15 @@ def _colours(limit: float) -> Any:
     return ScalarMappable(Normalize(-limit, limit), colormaps[SIGNED])
 
 
-def _draw_disc(panel: Any, cells: dict[str, Cell], colours: Any) -> None:
+def _draw_disc(
+    panel: Any, cells: dict[str, Cell], colours: Any, stretch: NDArray[np.float64]
+) -> None:
     """Rings and sectors of the specimen, coloured by mean, numbered by significance."""
     from matplotlib.patches import Wedge
+    from matplotlib.transforms import Affine2D
 
+    # regions are those of a circle, and are stretched with it
+    onto = Affine2D().scale(*stretch) + panel.transData
     for low, high, ring in RINGS:
         high = min(high, 1.0)
         sectors = [None] if ring == "apex" else range(SECTORS)
@@ -100,7 +106,7 @@ def _draw_disc(panel: Any, cells: dict[str, Cell], colours: Any) -> None:
             fill = "none" if cell is None else colours.to_rgba(cell.mean)
             panel.add_patch(
                 Wedge((0, 0), high, *ends, width=high - low, facecolor=fill, edgecolor="0.5",
-                      linewidth=0.6, hatch="////" if cell is None else None)
+                      linewidth=0.6, hatch="////" if cell is None else None, transform=onto)
             )  # fmt: skip
             if cell is None:
                 continue
@@ -110,11 +116,12 @@ def _draw_disc(panel: Any, cells: dict[str, Cell], colours: Any) -> None:
             ink = "white" if dark else "black" if strong else "0.35"
             panel.text(
                 reach * np.cos(np.deg2rad(middle)), reach * np.sin(np.deg2rad(middle)),
-                _short(cell.significance), ha="center", va="center", color=ink,
+                _short(cell.significance), ha="center", va="center", color=ink, transform=onto,
                 fontsize=_figure.FONT - 2, fontweight="bold" if strong else "normal",
             )  # fmt: skip
-    panel.set_xlim(-1.04, 1.04)
-    panel.set_ylim(-1.04, 1.04)
+    wide, high = 1.04 * stretch
+    panel.set_xlim(-wide, wide)
+    panel.set_ylim(-high, high)
     panel.set_aspect("equal")
     panel.set_axis_off()
 

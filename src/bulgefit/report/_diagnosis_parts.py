@@ -44,7 +44,7 @@ def data_of(diagnosis: Diagnosis) -> list[Data]:
 
 def with_causes(diagnosis: Diagnosis, most: int = 2) -> str:
     """What the final model holds, for titles."""
-    effects = list(diagnosis.explanation.groups)
+    effects = [str(group) for group in diagnosis.explanation.groups]
     if not effects:
         return "moduli alone"
     more = f" and {len(effects) - most} more" if len(effects) > most else ""
@@ -81,34 +81,31 @@ def draw_points(panel: Any, data: Data, values: Floats, low: float, high: float,
 
     The panel has ticks only after `outer_ticks`.
     """
-    from matplotlib.patches import Circle
     from scipy.spatial import KDTree
 
-    radius, points = data.specimen.test.radius, data.specimen.reference[:, :2]
-    reach = 0.9 * min(_figure.point_spacing(data.specimen.reference), 0.3 * radius)
-    axis = radius * (np.arange(_PIXELS) + 0.5 - 0.5 * _PIXELS) / (0.5 * _PIXELS)
-    away, nearest = KDTree(points).query(np.stack(np.meshgrid(axis, axis), axis=-1))
+    test, points = data.specimen.test, data.specimen.reference[:, :2]
+    reach = 0.9 * min(_figure.point_spacing(data.specimen.reference), 0.3 * test.radius)
+    a, b = test.semi_axes
+    pixels = (np.arange(_PIXELS) + 0.5 - 0.5 * _PIXELS) / (0.5 * _PIXELS)
+    away, nearest = KDTree(points).query(np.stack(np.meshgrid(a * pixels, b * pixels), axis=-1))
     drawn = panel.imshow(
         np.where(away < reach, values[nearest], np.nan), cmap=cmap, vmin=low, vmax=high,
-        origin="lower", extent=(-radius, radius, -radius, radius), interpolation="nearest",
+        origin="lower", extent=(-a, a, -b, b), interpolation="nearest",
     )  # fmt: skip
-    panel.add_patch(Circle((0, 0), radius, fill=False, color="0.4", linewidth=0.8))
-    panel.set_facecolor("0.93")
-    panel.set_xlim(-1.05 * radius, 1.05 * radius)
-    panel.set_ylim(-1.05 * radius, 1.05 * radius)
+    _figure.outlined(panel, test.semi_axes)
     panel.set_xticks([])
     panel.set_yticks([])
     return drawn
 
 
-def outer_ticks(panels: NDArray[Any], radius: float) -> None:
-    """Ticks and labels for the first column and the last row of maps."""
-    ticks = [-radius, -0.5 * radius, 0.0, 0.5 * radius, radius]
+def outer_ticks(panels: NDArray[Any], semi_axes: Floats) -> None:
+    """Ticks and labels for the first column and the last row of maps; semi-axes in mm."""
+    along_x, along_y = ([-a, -0.5 * a, 0.0, 0.5 * a, a] for a in semi_axes.tolist())
     for panel in panels[:, 0]:
-        panel.set_yticks(ticks, [f"{t:g}" for t in ticks])
+        panel.set_yticks(along_y, [f"{t:g}" for t in along_y])
         panel.set_ylabel("y (mm)", fontsize=_figure.FONT)
     for panel in panels[-1]:
-        panel.set_xticks(ticks, [f"{t:g}" for t in ticks])
+        panel.set_xticks(along_x, [f"{t:g}" for t in along_x])
         panel.set_xlabel("x (mm)", fontsize=_figure.FONT)
     for panel in (*panels[:, 0], *panels[-1]):
         panel.tick_params(labelsize=_figure.FONT - 2)

@@ -21,6 +21,7 @@ __all__ = [
     "finished",
     "frame_index",
     "label",
+    "outlined",
     "panels",
     "point_spacing",
     "save",
@@ -76,6 +77,18 @@ def label(panel: Any, x: str, y: str) -> None:
     panel.tick_params(labelsize=FONT - 1)
     panel.grid(visible=True, color="0.9")
     panel.set_axisbelow(True)
+
+
+def outlined(panel: Any, semi_axes: NDArray[np.floating]) -> None:
+    """The clamp about a map, with the limits of the map a little beyond it; semi-axes in mm."""
+    from matplotlib.patches import Ellipse
+
+    a, b = (float(axis) for axis in semi_axes)
+    panel.add_patch(Ellipse((0, 0), 2.0 * a, 2.0 * b, fill=False, color="0.4", linewidth=0.8))
+    panel.set_aspect("equal")
+    panel.set_facecolor("0.93")
+    panel.set_xlim(-1.05 * a, 1.05 * a)
+    panel.set_ylim(-1.05 * b, 1.05 * b)
 
 
 def frame_index(frame: int, count: int) -> int:

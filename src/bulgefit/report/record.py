@@ -17,13 +17,12 @@ from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fitting.result import describe_tests
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.evidence.coordinates import effect_of, specimen_of
 from bulgefit.gap.explanation import Step
 from bulgefit.gap.keys import columns_of
 from bulgefit.gap.regress import Regression
-from bulgefit.gap.residual.locate import Mode, azimuthal_modes
+from bulgefit.gap.residual.locate import azimuthal_modes
 from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, weight_of
-from bulgefit.gap.residual.structure import Cell, cells_of
+from bulgefit.gap.residual.structure import cells_of
 from bulgefit.report._diagnosis_parts import residual_of
 
 __all__ = ["SIGNIFICANT", "Record", "budget_of", "checked_record", "record_of"]
@@ -37,12 +36,11 @@ SIGNIFICANT = 3.0
 def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as JSON types, with `report`: what its pictures and words need beside.
 
-    `report` has `tests` (as a fit describes them, with the pressures in bar that were judged and
-    the trust in those frames),
-    `candidates` (effects that were weighed), `values` of all freed parameters before and after
-    (`effect.parameter@i` is test i's own), `budget` (e_w in mm from the moduli alone over each
-    effect), by test `cells` and `modes` of the residual before and after and `mesh`, and
-    `structure`.
+    `report` has `tests` (as a fit describes them, with the clamp's semi-axes, the pressures in bar
+    that were judged and the trust in those frames), `candidates` (effects that were weighed),
+    `values` of all freed parameters before and after (`effect.parameter@i` is test i's own),
+    `budget` (e_w in mm from the moduli alone over each effect), by test `cells` and `modes` of the
+    residual before and after and `mesh`, and `structure`.
     """
     found = diagnosis.explanation
     data = [p.data for p in diagnosis.prepared]
@@ -54,6 +52,7 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
             "tests": [
                 {
                     **described,
+                    "semi_axes_mm": d.specimen.test.semi_axes.tolist(),
                     "judged_bar": (10.0 * d.specimen.recorded).tolist(),
                     "trust": d.share.tolist(),
                 }
@@ -148,8 +147,8 @@ def budget_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _budget_row(step: Step, fitted: float, held: float) -> dict[str, Any]:
     own = columns_of(key for key in step.after.keys if key not in step.before.keys)
     return {
-        "effect": effect_of(step.group),
-        "specimen": specimen_of(step.group),
+        "effect": " + ".join(group.effect for group in step.groups),
+        "specimen": step.groups[0].specimen,
         "parameters": [key.parameter for key in own],
         "fitted_mm": fitted,
         "heldout_mm": held,
@@ -159,7 +158,10 @@ def _budget_row(step: Step, fitted: float, held: float) -> dict[str, Any]:
 def _cells(data: Sequence[Data], fit: Regression) -> list[list[dict[str, Any]]]:
     """Of each test."""
     return [
-        [_cell(c) for c in cells_of(d, residual_of(d, fit, index) / d.sigma)]
+        [
+            {**cell.to_dict(), "band_bar": list(cell.band)}
+            for cell in cells_of(d, residual_of(d, fit, index) / d.sigma)
+        ]
         for index, d in enumerate(data)
     ]
 
@@ -167,35 +169,13 @@ def _cells(data: Sequence[Data], fit: Regression) -> list[list[dict[str, Any]]]:
 def _modes(data: Sequence[Data], fit: Regression) -> list[list[dict[str, Any]]]:
     """Of each test."""
     return [
-        [_mode(m) for m in azimuthal_modes([d], replace(fit, predictions=[prediction]))]
+        [m.to_dict() for m in azimuthal_modes([d], replace(fit, predictions=[prediction]))]
         for d, prediction in zip(data, fit.predictions, strict=True)
     ]
-
-
-def _cell(cell: Cell) -> dict[str, Any]:
-    return {
-        "component": cell.component,
-        "region": cell.region,
-        "band_bar": list(cell.band),
-        "mean_mm": cell.mean,
-        "share": cell.share,
-        "significance": cell.significance,
-    }
-
-
-def _mode(mode: Mode) -> dict[str, Any]:
-    return {
-        "component": mode.component,
-        "order": mode.order,
-        "growth": mode.growth,
-        "noise_mm": mode.noise,
-        "pressure_bar": mode.pressure.tolist(),
-        "amplitude_mm": mode.amplitude.tolist(),
-    }
 
 
 def _remedies(diagnosis: Diagnosis) -> dict[str, str]:
     """What to do about everything that was named, or has no name but a place."""
     named = [e for c in diagnosis.causes for e in (c.effect, *c.alternatives)]
-    unnamed = [effect_of(f.group) for f in diagnosis.explanation.fields]
+    unnamed = [f.group.effect for f in diagnosis.explanation.fields]
     return {e: acting()[e].remedy for e in dict.fromkeys((*named, *unnamed)) if e in acting()}

@@ -73,7 +73,7 @@ def plot_residuals(
         limit = max(float(np.percentile(values, _SHARE)) if len(values) else 0.0, 1e-12)
         column = panels[:, component]
         for panel, (frame, reference, residual) in zip(column, frames, strict=True):
-            drawn = _map(panel, reference, residual[:, component], limit, test.radius)
+            drawn = _map(panel, reference, residual[:, component], limit, test.semi_axes)
             panel.set_title(
                 f"{name} at {10 * test.pressure[frame]:.3g} bar, {_rms(residual[:, component])}",
                 fontsize=_figure.FONT,
@@ -117,29 +117,24 @@ def _map(
     reference: NDArray[np.floating],
     residual: NDArray[np.floating],
     limit: float,
-    radius: float,
+    semi_axes: NDArray[np.floating],
 ) -> Any:
-    from matplotlib.patches import Circle
-
     shown = np.isfinite(residual)
     x, y, value = reference[shown, 0], reference[shown, 1], residual[shown]
     style = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
     if len(value) > POINTS_DRAWN:
-        edges = np.linspace(-radius, radius, _BINS + 1)
-        count = np.histogram2d(x, y, bins=(edges, edges))[0]
-        total = np.histogram2d(x, y, bins=(edges, edges), weights=value)[0]
+        edges = [np.linspace(-axis, axis, _BINS + 1) for axis in semi_axes]
+        count = np.histogram2d(x, y, bins=edges)[0]
+        total = np.histogram2d(x, y, bins=edges, weights=value)[0]
         mean = np.ma.masked_where(count == 0, total / np.maximum(count, 1))
-        drawn = panel.pcolormesh(edges, edges, mean.T, **style)
+        drawn = panel.pcolormesh(*edges, mean.T, **style)
     else:
-        # squares that touch: a panel is about 2.8 inches wide and shows 2.1 radii
-        spacing = _figure.point_spacing(reference) if len(reference) > 1 else radius
-        side = np.clip(2.8 * 72 * spacing / (2.1 * radius), 3.0, 14.0)
+        # squares that touch: a panel is about 2.8 inches wide and shows 2.1 semi-axes
+        wide = float(semi_axes[0])
+        spacing = _figure.point_spacing(reference) if len(reference) > 1 else wide
+        side = np.clip(2.8 * 72 * spacing / (2.1 * wide), 3.0, 14.0)
         drawn = panel.scatter(x, y, c=value, marker="s", s=side**2, linewidths=0, **style)
-    panel.add_patch(Circle((0, 0), radius, fill=False, color="0.4", linewidth=0.8))
-    panel.set_aspect("equal")
-    panel.set_facecolor("0.93")
-    panel.set_xlim(-1.05 * radius, 1.05 * radius)
-    panel.set_ylim(-1.05 * radius, 1.05 * radius)
+    _figure.outlined(panel, semi_axes)
     return drawn
 
 

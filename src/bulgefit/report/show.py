@@ -172,7 +172,7 @@ def _draw(
             title = title.replace("residual_", "measured ")
             pressure = f"{10 * cloud.test.pressure[frame]:.3g} bar"
             surface = _surface(cloud, frame, name, modelled=modelled)
-            _add(plotter, surface, cloud.test.radius, is_signed(name), ranges[name], place)
+            _add(plotter, surface, cloud.test.semi_axes, is_signed(name), ranges[name], place)
             _off_screen.add_text(plotter, f"{cloud.test.name}, {pressure}", (0.03, 0.94))
             shown = title if unit == "1" else f"{title} ({unit})"
             _off_screen.add_text(plotter, shown, (0.03, 0.885))
@@ -190,7 +190,12 @@ def _surface(cloud: Cloud, frame: int, name: str, *, modelled: bool) -> Any:
 
 
 def _add(
-    plotter: Any, surface: Any, radius: float, signed: bool, ends: tuple[float, float], place: int
+    plotter: Any,
+    surface: Any,
+    semi_axes: NDArray[np.floating],
+    signed: bool,
+    ends: tuple[float, float],
+    place: int,
 ) -> None:
     import pyvista
 
@@ -207,9 +212,11 @@ def _add(
     )  # fmt: skip
     bar.SetTitle("")
     angle = np.linspace(0.0, 2.0 * np.pi, 181)
-    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
+    a, b = (float(axis) for axis in semi_axes)
+    rim = np.column_stack([a * np.cos(angle), b * np.sin(angle), 0.0 * angle])
     plotter.add_mesh(pyvista.MultipleLines(rim), color="dimgrey", line_width=2)
-    box = (-radius, radius, -radius, radius, 0.0, 0.6 * radius)
+    high = 0.6 * max(a, b)
+    box = (-a, a, -b, b, 0.0, high)
     plotter.show_bounds(
         bounds=box, location="outer", ticks="outside", xtitle="x (mm)", ytitle="y (mm)",
         ztitle="z (mm)", n_xlabels=3, n_ylabels=3, n_zlabels=2, fmt="%.0f", font_size=10,
@@ -217,5 +224,5 @@ def _add(
     )  # fmt: skip
     # the same view of every frame, whatever its height
     plotter.camera_position = [(1.0, -1.7, 1.3), (0, 0, 0), (0, 0, 1)]
-    plotter.reset_camera(bounds=(*box[:4], -0.6 * radius, 0.6 * radius))
+    plotter.reset_camera(bounds=(*box[:4], -high, high))
     plotter.camera.zoom(1.08)

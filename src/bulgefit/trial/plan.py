@@ -11,10 +11,11 @@ from bulgefit.trial.draw import KINDS
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.known import KNOWN
 
-__all__ = ["FAMILY", "SHARES", "interpolated", "plan"]
+__all__ = ["FAMILY", "KNOWN_KINDS", "SHARES", "interpolated", "plan"]
 
 #: Three tests of one cloth, diagnosed together.
 FAMILY = "family"
+KNOWN_KINDS = (*KINDS, FAMILY)
 
 #: Shares of kinds in a trial of all of them: a third have a foreign effect, most of them beside
 #: others.
@@ -54,10 +55,11 @@ def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str
     """
     if number < 1:
         raise InputError(f"number of tests must be 1 or more, got {number}")
-    known = (*KINDS, FAMILY)
-    unknown = [k for k in kinds or () if k not in known]
+    unknown = [k for k in kinds or () if k not in KNOWN_KINDS]
     if unknown:
-        raise InputError(f"effects: {', '.join(unknown)} unknown; choose from {', '.join(known)}")
+        raise InputError(
+            f"effects: {', '.join(unknown)} unknown; choose from {', '.join(KNOWN_KINDS)}"
+        )
     rng = default_rng(SeedSequence([seed, 0]))
 
     def cycle(names: Sequence[str], count: int) -> list[str]:

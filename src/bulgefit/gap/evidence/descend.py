@@ -169,8 +169,8 @@ def _slopes(problem: Problem, landed: Linearised) -> Linearised | None:
 
 
 def _misfit(problem: Problem, here: Linearised) -> float:
-    """Mean square of the residual in noise units; 1 or more."""
-    return max(here.square / problem.count, 1.0)
+    """Mean square of the residual in units of the noise that is counted with; 1 or more."""
+    return max(here.square / (problem.count * problem.tempered), 1.0)
 
 
 def _step(

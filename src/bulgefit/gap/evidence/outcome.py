@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     """The regression that ended at a fit.
 
-    Standard errors are the posterior's. A fold that is held out is met with what the others and
-    the priors say.
+    Standard errors are the posterior's, of a misfit beside the noise too. A fold that is held out
+    is met with what the others and the priors say.
     """
     every, columns = weighing.coordinates.every, fit.here.columns
     chosen = [every[c] for c in columns]
@@ -51,8 +51,9 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         _with(normal, known),
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
-        weighing.inflation,
+        weighing.inflation / weighing.tempered,
         fit.converged,
+        excess=weighing.tempered,
     )
 
 

@@ -3,6 +3,12 @@
 A model's probability is exp(-score/2T) over the sum of the same, its score being -2 ln Z and T the
 temper: what the residual's smooth modes hold over what correlated noise would (`temper`). A model
 that misses by more than the noise is thus as sure as the noise that it leaves lets it be.
+
+Not all models are visited. Where many groups have no say there would be no end of them, and those
+that lack one of the best model's are then missing as those that lack two, three and more of them
+are: next to the many others that hold it, it would look sure. So a group is weighed by models that
+were visited both with and without it. Of the best model's, what lacks it counts in any case: of
+what makes a cause sure nothing may be left out.
 """
 
 from __future__ import annotations
@@ -12,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.problem import Model
 
 __all__ = ["SURE", "Weighed", "weighed"]
@@ -28,27 +35,29 @@ class Weighed:
     ----------
     models : dict of Model to float
         Most probable first.
-    groups : dict of id to float
-        Sum over the models that hold the group, in any form.
+    groups : dict of Owned to float
+        Share of the models that hold the group, in any form.
     """
 
     models: dict[Model, float]
-    groups: dict[str, float]
+    groups: dict[Owned, float]
 
     @property
     def best(self) -> Model:
         """The most probable model."""
         return next(iter(self.models))
 
-    def rivals(self, name: str) -> tuple[str, ...]:
+    def rivals(self, name: Owned) -> tuple[Owned, ...]:
         """Groups that stand in for one of the best model's that is not sure.
 
         The fewest, most probable first, of which models without the group hold one, that with it
         make a sure set; none where no such set is sure.
         """
         reached = self.groups[name]
-        found: list[str] = []
+        found: list[Owned] = []
         rest = {model: p for model, p in self.models.items() if name not in dict(model)}
+        left = sum(rest.values())
+        rest = {model: p * (1.0 - reached) / left for model, p in rest.items()} if left else rest
         while reached < SURE:
             shares = _shares(rest)
             shares = {k: p for k, p in shares.items() if k not in dict(self.best)}
@@ -61,7 +70,7 @@ class Weighed:
         return tuple(found)
 
 
-def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) -> Weighed:
+def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[Owned]) -> Weighed:
     """Probabilities of models by their scores, -2 ln Z.
 
     Parameters
@@ -70,18 +79,35 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) 
         Fitted, or forecast where they were not.
     temper : float
         1 or more.
-    names : iterable of str
+    names : iterable of Owned
         Groups that were candidates; those in no model have probability 0.
     """
     order = sorted(scores, key=lambda model: scores[model])
     raw = np.exp(-0.5 * (np.array([scores[m] for m in order]) - scores[order[0]]) / temper)
     models = dict(zip(order, (raw / raw.sum()).tolist(), strict=True))
-    return Weighed(models, {**dict.fromkeys(names, 0.0), **_shares(models)})
+    found = {*names, *(name for model in models for name, _ in model)}
+    return Weighed(models, {name: _paired(models, order[0], name) for name in sorted(found)})
 
 
-def _shares(models: Mapping[Model, float]) -> dict[str, float]:
+def _paired(models: Mapping[Model, float], best: Model, name: Owned) -> float:
+    """Share of a group among models that were visited with and without it."""
+    holding, without = 0.0, dict[Model, None]()  # in order: sums are to the same bits
+    for model, share in models.items():
+        smaller = frozenset(part for part in model if part[0] != name)
+        if smaller != model and smaller in models:
+            holding += share
+            without[smaller] = None
+    if name in dict(best):
+        lacking = sum(share for model, share in models.items() if name not in dict(model))
+    else:
+        lacking = sum(models[model] for model in {**without, best: None})
+    # without some groups nothing balances
+    return holding / (holding + lacking) if holding + lacking else 1.0
+
+
+def _shares(models: Mapping[Model, float]) -> dict[Owned, float]:
     """Sum of probabilities over the models that hold each group."""
-    out: dict[str, float] = {}
+    out: dict[Owned, float] = {}
     for model, share in models.items():
         for name, _ in sorted(model):
             out[name] = min(out.get(name, 0.0) + share, 1.0)

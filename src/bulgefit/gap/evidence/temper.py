@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.problem import Layout
+from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["determined", "temper"]
+__all__ = ["taken_up", "temper"]
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +22,7 @@ Floats = NDArray[np.float64]
 DEGREE, COURSE = 5, 5
 
 
-def temper(data: Sequence[Data], predictions: Sequence[Prediction], free: float) -> float:
+def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float) -> float:
     """Mean square of the residual's smooth modes over what correlated noise makes of it; 1 or more.
 
     In each component the residual is projected on orthonormal polynomials over the specimen times
@@ -31,27 +33,42 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], free: float)
 
     Parameters
     ----------
-    free : float
-        Coordinates that the data determined: each takes up to one mode away.
+    taken : float
+        Modes that the fit took away (`taken_up`).
     """
     square, modes = 0.0, 0
     for d, p in zip(data, predictions, strict=True):
-        x, y = d.specimen.reference[:, :2].T / d.specimen.test.radius
-        orders = [(i, n - i) for n in range(DEGREE + 1) for i in range(n + 1)]
-        over, _ = np.linalg.qr(np.stack([x**i * y**j for i, j in orders], axis=1))
-        load = np.cbrt(d.specimen.recorded / d.specimen.recorded.max())
-        along, _ = np.linalg.qr(np.vander(load, min(COURSE + 1, len(load))))
-        seen = np.einsum("nk,fm,fnc->mkc", over, along, d.residual(p), optimize=True)
+        seen = _of_modes(d, d.residual(p)[None])
         square += float((seen**2).sum()) / d.inflation
         modes += seen.size
-    return max(square / max(modes - free, 1.0), 1.0)
+    return max(square / max(modes - taken, 1.0), 1.0)
 
 
-def determined(fit: Fit, layout: Layout) -> float:
-    """How many of a fit's coordinates the data determined, and not their priors.
+def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
+    """How many of the residual's smooth modes a fit's coordinates take up.
 
-    Σ 1 - c_ii/s_i², by posterior variances c and prior widths s (MacKay, 1992, "Bayesian
-    interpolation", eq. 4.9).
+    trace(Z (JᵀJ + v diag(1/s²))⁻¹ Zᵀ), by derivatives J of all values and Z of the modes, and prior
+    widths s: of coordinates that the data determine, not their priors, and of these the part that
+    is seen in the modes (MacKay, 1992, "Bayesian interpolation", eq. 4.9, for modes one by one).
     """
-    width = layout.width[layout.columns(fit.model)]
-    return float(np.sum(1.0 - np.clip(np.diag(fit.covariance) / width**2, 0.0, 1.0)))
+    columns = layout.columns(fit.model)
+    here = weighing.linearise(fit.x, columns, fit.here.near)
+    factor = cho_factor(here.hessian + weighing.inflation * np.diag(layout.width[columns] ** -2))
+    found = 0.0
+    for index, d in enumerate(weighing.data):
+        own = weighing.coordinates.of_specimen(columns, index)
+        slopes = np.zeros((len(columns), _of_modes(d, d.weight[None]).size))
+        rows = weighing.of_frames(index, here.rows[index][:-1])
+        slopes[np.searchsorted(columns, own)] = _of_modes(d, rows).reshape(len(own), -1)
+        found += float((slopes * cho_solve(factor, slopes)).sum())
+    return found
+
+
+def _of_modes(d: Data, rows: Floats) -> Floats:
+    """Of rows (n, frames, points, 3): (n, modes over the frames, over the specimen, 3)."""
+    x, y = d.specimen.reference[:, :2].T / d.specimen.test.radius
+    orders = [(i, n - i) for n in range(DEGREE + 1) for i in range(n + 1)]
+    over, _ = np.linalg.qr(np.stack([x**i * y**j for i, j in orders], axis=1))
+    load = np.cbrt(d.specimen.recorded / d.specimen.recorded.max())
+    along, _ = np.linalg.qr(np.vander(load, min(COURSE + 1, len(load))))
+    return np.asarray(np.einsum("nk,fm,rfnc->rmkc", over, along, rows, optimize=True))

@@ -42,7 +42,7 @@ class Weighing:
         By specimen: standard deviations of the prior of an offset of every measured point, which
         all its frames share. Such offsets are no coordinates: they are integrated out.
     tempered : float
-        What variances were multiplied by already.
+        By which the specimens' noise was raised beyond what it is (`beside`).
     misfits : sequence of Misfit, optional
         By specimen: noise of its own that models are judged beside.
     """
@@ -97,7 +97,8 @@ class Weighing:
         for index, (d, white) in enumerate(zip(self.data, here.rows, strict=True)):
             own = self.coordinates.of_specimen(here.columns, index)
             rows = np.zeros((len(here.columns) + 1, *d.used.shape))
-            rows[np.append(np.searchsorted(here.columns, own), len(rows) - 1)] = _frames(d, white)
+            place = np.append(np.searchsorted(here.columns, own), len(rows) - 1)
+            rows[place] = self.of_frames(index, white)
             misfits.append(Misfit.of(d, rows, known, self.inflation))
         return Weighing(self.data, self.coordinates, self.offsets, self.tempered, misfits)
 
@@ -196,9 +197,14 @@ class Weighing:
         if mesh is not None:
             own = _beside_mesh(own, mesh[0], d.inflation)
         if self.misfits is not None:
-            frames = _frames(d, own)
+            frames = self.of_frames(index, own)
             frames[:] = self.misfits[index].whitened(frames, self.inflation)
         return own
+
+    def of_frames(self, index: int, rows: Floats) -> Floats:
+        """Of a specimen's rows (k, values), those of its frames: a view (k, frames, points, 3)."""
+        used = self.data[index].used
+        return rows[:, : used.size].reshape(len(rows), *used.shape)
 
     def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
         """Derivatives by coordinates and the residual, in noise units.
@@ -216,11 +222,6 @@ class Weighing:
             heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
             rows[:, -1, :, 2] = heights * np.append(slopes, 1.0)[:, None]
         return rows
-
-
-def _frames(d: Data, white: Floats) -> Floats:
-    """Of rows (k, values), those of the frames, a view (k, frames, points, 3); heights follow."""
-    return white[:, : d.used.size].reshape(len(white), *d.used.shape)
 
 
 def _frames_that_count(d: Data) -> Floats:

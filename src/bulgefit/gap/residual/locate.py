@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,19 @@ class Mode:
     amplitude: Floats
     growth: Growth
     noise: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types."""
+        return {
+            "test": self.test,
+            "component": self.component,
+            "order": self.order,
+            "growth": self.growth,
+            "largest_mm": float(np.abs(self.amplitude).max()),
+            "noise_mm": self.noise,
+            "pressure_bar": self.pressure.tolist(),
+            "amplitude_mm": self.amplitude.tolist(),
+        }
 
 
 def azimuthal_modes(data: Sequence[Data], fit: Regression) -> list[Mode]:

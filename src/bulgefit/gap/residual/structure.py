@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,18 @@ class Cell:
     mean: float
     share: float
     significance: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types."""
+        return {
+            "test": self.test,
+            "component": self.component,
+            "region": self.region,
+            "pressure_band_bar": list(self.band),
+            "mean_mm": self.mean,
+            "share": self.share,
+            "significance": self.significance,
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,7 @@ def _bar(label: str, low: float, high: float, kind: str, text: str) -> dict[str,
     return {"label": label, "from": low, "to": high, "kind": kind, "text": text}
 
 
-def disc_wedges() -> list[dict[str, str]]:
+def disc_wedges() -> list[dict[str, Any]]:
     """The regions of a specimen on a disc of radius 50: name, outline, and where its number goes.
 
     x runs to the right and y upwards, as on the specimen.
@@ -66,7 +66,7 @@ def disc_wedges() -> list[dict[str, str]]:
         if ring == "apex":
             r = 50 * high
             path = f"M{r:.2f} 0A{r:.2f} {r:.2f} 0 1 0 {-r:.2f} 0A{r:.2f} {r:.2f} 0 1 0 {r:.2f} 0Z"
-            out.append({"region": ring, "path": path, "x": "0", "y": "0"})
+            out.append({"region": ring, "path": path, "x": 0.0, "y": 0.0})
             continue
         for sector in range(SECTORS):
             middle = 2 * np.pi * sector / SECTORS
@@ -82,8 +82,8 @@ def disc_wedges() -> list[dict[str, str]]:
                 {
                     "region": f"{ring} {360 * sector // SECTORS}°",
                     "path": path,
-                    "x": f"{reach * np.cos(middle):.2f}",
-                    "y": f"{-reach * np.sin(middle):.2f}",
+                    "x": round(float(reach * np.cos(middle)), 2),
+                    "y": round(float(-reach * np.sin(middle)), 2),
                 }
             )
     return out
@@ -93,8 +93,10 @@ def _at(point: tuple[float, float]) -> str:
     return f"{point[0]:.2f} {point[1]:.2f}"
 
 
-def discs(cells: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Discs of one test: rows by component, columns by pressure band.
+def discs(
+    cells: Sequence[Mapping[str, Any]], semi_axes: Sequence[float] = (1.0, 1.0)
+) -> dict[str, Any]:
+    """Discs of one test, as its clamp is: rows by component, columns by pressure band.
 
     Colour is by standard errors from zero, in steps, so that what noise makes stays neutral; what
     has no points is hatched.
@@ -112,7 +114,12 @@ def discs(cells: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
                     "regions": {region: _wedge(c) for region, c in inside.items()},
                 }
             )
-    return {"discs": rows, "bands": len(bands), "steps": [f"{s:g}" for s in STEPS]}
+    return {
+        "discs": rows,
+        "bands": len(bands),
+        "steps": [f"{s:g}" for s in STEPS],
+        "stretch": [axis / max(semi_axes) for axis in semi_axes],
+    }
 
 
 def _wedge(cell: Mapping[str, Any]) -> dict[str, str]:

@@ -91,7 +91,7 @@ def packed(
     }
     return {
         "name": test.name,
-        "radius": float(test.radius),
+        "rim": test.semi_axes.tolist(),
         "models": list(modelled),
         "frames": [
             {"bar": 10.0 * float(test.pressure[f]), "block": at[int(f)][0], "row": at[int(f)][1]}

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from bulgefit.gap.diagnosis import Verdict
+from bulgefit.gap.causes import Verdict
 from bulgefit.gap.effects import MODULI, SHEAR
-from bulgefit.report import _diagnosis_words as words
 from bulgefit.report._diagnosis_cloth import AT_REST, cloth_blocks, is_bent, stiffness_of
 from bulgefit.report.numbers import CARE, INTERVAL, USE, listed, value_text
 from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
 from bulgefit.report.record import SIGNIFICANT, Record
+from bulgefit.report.words.blocks import blocks_of
+from bulgefit.report.words.names import budget_labels, names_of
+from bulgefit.report.words.notes import alarms_of
+from bulgefit.report.words.verdict import verdict_words
 
 __all__ = ["page_of_diagnosis"]
 
@@ -20,8 +24,8 @@ _NAMES = [modulus.name for modulus in MODULI]
 
 def page_of_diagnosis(record: Record) -> Page:
     """The page of a diagnosis's record."""
-    told = words.blocks_of(record)
-    names = words.names_of(record)
+    told = blocks_of(record)
+    names = names_of(record)
     blocks = [
         Block("heading", ("Which cause",)),
         *told["causes"],
@@ -56,10 +60,10 @@ def _answer(record: Record) -> Answer:
     dont = f"do not use {listed(rest)}" if rest else ""
     headline = "; ".join(filter(None, (use, dont)))
     clear = record["verdict"] in (Verdict.NONE, Verdict.NAMED)
-    tone = "good" if clear and not rest and not words.alarms_of(record) else "care"
+    tone = "good" if clear and not rest and not alarms_of(record) else "care"
     notes = [
-        *words.alarms_of(record),
-        f"**Verdict: {record['verdict']}.** {words.verdict_words(record)}",
+        *alarms_of(record),
+        f"**Verdict: {record['verdict']}.** {verdict_words(record)}",
     ]
     if record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN):
         notes.append(
@@ -121,7 +125,7 @@ def _moduli_spans(record: Record) -> list[Block]:
 
 def _budget(record: Record) -> list[Block]:
     """What each effect takes off, by its form: several forms of an effect are several models."""
-    labels = words.budget_labels(record)
+    labels = budget_labels(record)
     kinds = (("heldout_mm", "on data that was not fitted"), ("fitted_mm", "on the fitted data"))
     return [
         Block(
@@ -140,10 +144,12 @@ def _where(record: Record, index: int) -> list[Block]:
     kinds = {"baseline": "moduli alone"}
     if record["tried"]:
         kinds["final"] = "with causes"
-    name = words.names_of(record)[index]
-    several = len(words.names_of(record)) > 1
+    name = names_of(record)[index]
+    several = len(names_of(record)) > 1
     blocks = [Block("part", (name,))] if several else []
-    blocks += [_discs(told["cells"][kind][index], label) for kind, label in kinds.items()]
+    # a circle where an earlier version wrote
+    rim = told["tests"][index].get("semi_axes_mm", (1.0, 1.0))
+    blocks += [_discs(told["cells"][kind][index], label, rim) for kind, label in kinds.items()]
     for kind, label in kinds.items():
         caption = (
             f"**Azimuthal modes, {label}**: amplitude in mm of cos/sin(m·angle) of what is left, "
@@ -156,7 +162,7 @@ def _where(record: Record, index: int) -> list[Block]:
     return blocks
 
 
-def _discs(cells: list[dict[str, Any]], label: str) -> Block:
+def _discs(cells: list[dict[str, Any]], label: str, semi_axes: Sequence[float]) -> Block:
     """Where what is left lies, or that no region has anything."""
     if all(abs(c["significance"]) <= SIGNIFICANT for c in cells):
         return Block(
@@ -169,4 +175,4 @@ def _discs(cells: list[dict[str, Any]], label: str) -> Block:
         f"pressure, coloured by its distance from zero in standard errors; numbers from "
         f"{SIGNIFICANT:g} on. x to the right, y upwards. Point at a region for its mean in mm."
     )
-    return Block("discs", (caption,), picture=charts.discs(cells))
+    return Block("discs", (caption,), picture=charts.discs(cells, semi_axes))

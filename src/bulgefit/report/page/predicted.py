@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import of_specimen
 from bulgefit.fem.mesh import DEFAULT_REFINE
 from bulgefit.gap.normal import offsets_of
 from bulgefit.gap.specimen import Specimen
@@ -32,7 +33,7 @@ def of_fit(test: BulgeTest, result: Mapping[str, Any], index: int) -> list[Float
         No equilibrium at the test's pressures.
     """
     values = {name: found["value"] for name, found in result["parameters"].items()}
-    own = _own(values, index)
+    own = of_specimen(values, index)
     material = {name: value for name, value in own.items() if "." not in name}
     effects = {name: value for name, value in own.items() if "." in name}
     settings = result["settings"]
@@ -76,7 +77,7 @@ def of_diagnosis(
     """
     specimen = Specimen(test, law=law)
     with one_blas_thread():
-        shapes = specimen.shapes(_own(values, index))
+        shapes = specimen.shapes(of_specimen(values, index))
         correct_mesh(specimen, shapes)
         prediction = specimen.observe(shapes)
     if trust is None:
@@ -86,13 +87,3 @@ def of_diagnosis(
     frames = np.array(trust["trust"])[away.argmin(axis=1)]
     offset = offsets_of(specimen.measured - prediction.displacement, used, frames)
     return [prediction.displacement + offset]
-
-
-def _own(values: Mapping[str, float], index: int) -> dict[str, float]:
-    """Those of `effect.parameter@i` that are test `index`'s or shared, without the @i."""
-    own = {}
-    for key, value in values.items():
-        name, at, owner = key.partition("@")
-        if not at or int(owner) == index:
-            own[name] = value
-    return own

@@ -164,10 +164,10 @@ function triangle(pen, corners, fill) {
 function map(canvas) {
   const component = +canvas.dataset.component;
   const [pen, w, h] = prepared(canvas);
-  const { radius } = here();
+  const { rim } = here();
   const block = blockOf(state.frame);
   const [size, top] = [Math.min(w, h - 62), 22];
-  const unit = size / (2.04 * radius);
+  const unit = size / (2.04 * Math.max(...rim));
   const place = (i) => [w / 2 + unit * block.reference[3 * i],
     top + size / 2 - unit * block.reference[3 * i + 1]];
   const span = limit(state.field, component);
@@ -186,7 +186,7 @@ function map(canvas) {
   pen.textAlign = "right";
   pen.fillText(known.length ? `rms ${short(rms)} mm` : "not measured", w, 9);
   pen.beginPath();
-  pen.arc(w / 2, top + size / 2, unit * radius, 0, 2 * Math.PI);
+  pen.ellipse(w / 2, top + size / 2, unit * rim[0], unit * rim[1], 0, 0, 2 * Math.PI);
   pen.fillStyle = hatched(pen);
   pen.fill();
   pen.lineWidth = 0.8;
@@ -206,7 +206,7 @@ function map(canvas) {
     }
   }
   pen.beginPath();
-  pen.arc(w / 2, top + size / 2, unit * radius, 0, 2 * Math.PI);
+  pen.ellipse(w / 2, top + size / 2, unit * rim[0], unit * rim[1], 0, 0, 2 * Math.PI);
   pen.strokeStyle = css("--quiet");
   pen.lineWidth = 1;
   pen.stroke();
@@ -236,11 +236,12 @@ function onLine(block, along) {
 function profile(canvas) {
   const along = +canvas.dataset.along;
   const [pen, w, h] = prepared(canvas);
-  const { radius, frames, models } = here();
+  const { rim, frames, models } = here();
+  const reach = rim[along];
   const best = `model:${models.length - 1}`;
   const { low, high } = limit("measured", 2);
   const [left, right, top, bottom] = [44, w - 16, 24, h - 34];
-  const x = (p) => left + ((p + radius) / (2 * radius)) * (right - left);
+  const x = (p) => left + ((p + reach) / (2 * reach)) * (right - left);
   const y = (v) => bottom - ((v - low) / (1.04 * (high - low))) * (bottom - top);
   pen.lineWidth = 1;
   pen.strokeStyle = css("--rule");
@@ -254,7 +255,7 @@ function profile(canvas) {
     pen.fillText(short(v), left - 6, y(v));
   }
   pen.textAlign = "center";
-  for (const p of ticks(-radius, radius, 5)) pen.fillText(short(p), x(p), bottom + 12);
+  for (const p of ticks(-reach, reach, 5)) pen.fillText(short(p), x(p), bottom + 12);
   pen.fillText(`${"xy"[along]} before inflation (mm)`, (left + right) / 2, bottom + 27);
   pen.textAlign = "left";
   pen.fillStyle = css("--ink");
@@ -302,12 +303,12 @@ function turned(x, y, z) {
 function surface() {
   const canvas = document.getElementById("surface");
   const [pen, w, h] = prepared(canvas);
-  const { radius } = here();
+  const { rim } = here();
   const block = blockOf(state.frame);
   const [field, c] = state.colour.split("/");
   const span = limit(field, +c);
   const top = limit("measured", 2).high;
-  const unit = Math.min(w / 2.15, (h - 44) / 1.9) / radius;
+  const unit = Math.min(w / 2.15, (h - 44) / 1.9) / Math.max(...rim);
   const shape = field.startsWith("model") ? field : "measured";
   const middle = [w / 2, (h - 30) / 2 + unit * Math.sin(state.tilt) * 0.5 * top];
   const place = ([a, b]) => [middle[0] + unit * a, middle[1] - unit * b];
@@ -320,7 +321,8 @@ function surface() {
   pen.lineWidth = 1;
   pen.beginPath();
   for (let k = 0; k <= 96; k++) {
-    const at = place(turned(radius * Math.cos((k * Math.PI) / 48), radius * Math.sin((k * Math.PI) / 48), 0));
+    const angle = (k * Math.PI) / 48;
+    const at = place(turned(rim[0] * Math.cos(angle), rim[1] * Math.sin(angle), 0));
     k ? pen.lineTo(...at) : pen.moveTo(...at);
   }
   pen.stroke();
@@ -343,7 +345,7 @@ function surface() {
   }
   pen.fillStyle = css("--quiet");
   pen.textAlign = "center";
-  for (const [name, p] of [["x", [1.08 * radius, 0, 0]], ["y", [0, 1.08 * radius, 0]]]) {
+  for (const [name, p] of [["x", [1.08 * rim[0], 0, 0]], ["y", [0, 1.08 * rim[1], 0]]]) {
     pen.fillText(name, ...place(turned(...p)));
   }
   const wide = Math.min(w - 32, 320);

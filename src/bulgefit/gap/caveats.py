@@ -1,0 +1,81 @@
+"""What must be said beside a diagnosis: what was left out, and what is not as it should be?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bulgefit.gap.effects import CATALOGUE
+from bulgefit.gap.evidence.coordinates import is_field
+from bulgefit.gap.explanation import Explanation
+from bulgefit.gap.prepare import Prepared
+
+__all__ = ["held_moduli", "lacked_by", "left_of_the_mesh", "left_out"]
+
+
+def left_out(prepared: Sequence[Prepared]) -> list[str]:
+    """Frames and points that were not judged."""
+    out = []
+    for p in prepared:
+        name = p.data.specimen.test.name
+        if p.rough_from is not None:
+            out.append(
+                f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
+                "in bands there (soft shear), which no mesh-independent model follows"
+            )
+        doubted = int((p.data.share < 1.0).sum())
+        if doubted:
+            out.append(
+                f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
+                "slack and wrinkles; what no model follows there counts as noise"
+            )
+        if p.data.mixture > 1.0:
+            frames = len(p.data.used)
+            out.append(
+                f"{name}: its {frames} frames are linear mixtures of "
+                f"{round(frames / p.data.mixture)} and count as so many; interpolation between "
+                "frames that are far apart is off, which may look like a cause at light pressure"
+            )
+        if p.strays:
+            out.append(
+                f"{name}: {p.strays} of {p.data.used.any(axis=2).sum() + p.strays} points of all "
+                "frames depart far from those around them and were left out"
+            )
+    return out
+
+
+def left_of_the_mesh(prepared: Sequence[Prepared]) -> list[str]:
+    """Where the mesh's error is not known, or not below a third of the noise."""
+    out = []
+    for p in prepared:
+        name = p.data.specimen.test.name
+        if p.mesh_error is None:
+            out.append(f"{name}: the mesh's error could not be estimated; small gaps may be its")
+        elif (p.mesh_error > p.noise.sigma / 3.0).any():
+            sizes = ", ".join(f"{1000 * e:.1f}" for e in p.mesh_error)
+            out.append(
+                f"{name}: the mesh's error could not be brought below a third of the noise; about "
+                f"{sizes} µm of dx, dy, dz are left of it, and small gaps may be its"
+            )
+    return out
+
+
+def held_moduli(found: Explanation) -> list[str]:
+    """Which of the reported fits ask for a softer shear than the fabric can have."""
+    fits = {"the moduli alone": found.baseline, "the causes": found.final}
+    return [
+        f"with {name}, G12 is an upper limit: the fit asks for a softer one, by which the fabric "
+        "would lose its stability; its standard error says nothing"
+        for name, fit in fits.items()
+        if fit.held
+    ]
+
+
+def lacked_by(kept_out: Prepared, found: Explanation) -> list[str]:
+    """Shared effects that a held-out test was met without, since it lacks what they need."""
+    effects = [CATALOGUE[group.effect] for group in found.groups if not is_field(group)]
+    return [
+        f"the held-out test has no {need}: it was met without {effect.id}"
+        for effect in effects
+        for need in effect.needs
+        if getattr(kept_out.data.specimen.test, need) is None
+    ]

@@ -1,0 +1,223 @@
+"""Diagnose the gap between the virtual and the measured test."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.problem import Prior
+from bulgefit.gap.causes import causes_of, verdict_of
+from bulgefit.gap.caveats import held_moduli, lacked_by, left_of_the_mesh, left_out
+from bulgefit.gap.data import Data
+from bulgefit.gap.diagnosis import Diagnosis
+from bulgefit.gap.effects import MODULI, chosen_effects
+from bulgefit.gap.explain import START, explain
+from bulgefit.gap.follow_up.advise import advise
+from bulgefit.gap.follow_up.holdout import judge_held_out
+from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
+from bulgefit.gap.implied_reference import implied_references
+from bulgefit.gap.law_table import law_table
+from bulgefit.gap.prepare import (
+    Prepared,
+    drop_outliers,
+    judge_mesh,
+    prepare,
+    renew_noise,
+    settle,
+)
+from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual.locate import azimuthal_modes
+from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, noise_gap, weight_of
+from bulgefit.gap.scatter import scatter_of
+from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.parallel.workers import open_executor
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    tests: GivenTests,
+    *,
+    holdout: BulgeTest | None = None,
+    effects: Iterable[str] | None = None,
+    law: str = "hencky",
+    thorough: bool = False,
+    same_rig: bool = False,
+    priors: Mapping[str, Prior] | None = None,
+    seed: int = 0,
+    executor: Executor | None = None,
+    workers: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Where the model misses, which unmodelled effect causes it, and how far the gap shrinks.
+
+    Parameters
+    ----------
+    tests : BulgeTest, path, or sequence of them
+        Several are specimens of one cloth and judged together: they share its law, about which each
+        has factors of its own along warp and fill; all other effects are each test's own.
+    holdout : BulgeTest, optional
+        A specimen that takes no part: what specimens share comes from the others, its own
+        parameters are fitted on every second frame, and it is judged on the rest.
+    effects : iterable of str, optional
+        Candidates; default: the whole catalogue.
+    law : {"hencky", "svk"}
+    thorough : bool
+        Search by every way, also where the first leaves nothing but noise.
+    same_rig : bool
+        Several tests share what belongs to clamp and cameras: the clamp's shape, lens and scales.
+    priors : mapping of name to Prior, optional
+        What is believed of E1, E2 and G12 (MPa); default: a decade either way.
+    seed : int
+        Kept for the record; the search draws nothing at random.
+    executor : concurrent.futures.Executor, optional
+        Refits candidates side by side: processes, or `Client.get_executor()` of Dask; the result
+        does not depend on it. The measured data reach each process once.
+    workers : int
+        Threads that balance frames side by side, here and in each process of an executor; where
+        no executor is given, also threads that refit candidates.
+    say : callable
+        Told what is tried.
+
+    Raises
+    ------
+    InputError
+        A test with too few points or frames to judge, or without one of the components; unknown
+        effects; tests that state different Poisson ratios; priors of other parameters, or that are
+        none.
+    SolveError
+        The baseline finds no equilibrium.
+    """
+    began = time.perf_counter()
+    given = given_tests(tests)
+    if not given:
+        raise InputError("no bulge test was given")
+    wanted = chosen_effects(effects)
+    lacking = {
+        e.id: f"the test has no {need}"
+        for e in wanted
+        for need in e.needs
+        if any(getattr(t, need) is None for t in given)
+    }
+    candidates = [e for e in wanted if e.id not in lacking]
+    skipped = lacking
+    _same_ratio(given)
+    believed = _believed(priors or {})
+    own = open_executor(workers) if executor is None else nullcontext(executor)
+    with one_blas_thread(), own as pool:
+        prepared = [prepare(test, law, workers) for test in given]
+        kept_out = None if holdout is None else prepare(holdout, law, workers)
+        data = [p.data for p in prepared]
+        say("baseline: the moduli alone")
+        baseline = _baseline(prepared)
+        found = explain(
+            prepared,
+            candidates,
+            baseline,
+            pool,
+            say,
+            thorough=thorough,
+            same_rig=same_rig,
+            priors=believed,
+        )
+        baseline = found.baseline
+        say("held-out gap")
+        for one, prediction in zip(prepared, found.final.predictions, strict=True):
+            judge_mesh(one, prediction.shapes)
+        weight = weight_of(data)
+        gaps = {
+            "baseline": fitted_gap(data, baseline, weight),
+            "explained": fitted_gap(data, found.final, weight),
+            "heldout_baseline": held_out_gap(data, baseline, weight),
+            "heldout_explained": held_out_gap(data, found.final, weight),
+            "noise_floor": noise_gap(data, weight),
+        }
+        pairs = indistinguishable(found.known)
+        pairs[:0] = [Pair((e.id, STIFFNESS), 1.0) for e in candidates if e.never_separable]
+        causes = causes_of(found)
+        advice = advise(data, found)
+        met, unmet = None, list[str]()
+        if kept_out is not None:
+            say("held-out test")
+            try:
+                met = judge_held_out(kept_out, found, weight)
+            except SolveError as error:
+                unmet = [f"the held-out test could not be met with what was found: {error}"]
+            unmet += lacked_by(kept_out, found)
+    return Diagnosis(
+        verdict=verdict_of(found),
+        causes=causes,
+        prepared=prepared,
+        explanation=found,
+        gaps=gaps,
+        modes=azimuthal_modes(data, baseline),
+        pairs=pairs,
+        advice=advice,
+        law=law_table(data, found.final),
+        scatter=scatter_of(found.final),
+        implied=implied_references(data, found.final),
+        skipped=skipped,
+        tests=given,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+        holdout=met,
+        warnings=[
+            *left_out([*prepared, *([kept_out] if kept_out else [])]),
+            *left_of_the_mesh(prepared),
+            *held_moduli(found),
+            *unmet,
+        ],
+    )
+
+
+def _same_ratio(tests: Sequence[BulgeTest]) -> None:
+    """Specimens judged together share the material, of which each test states Poisson's ratio."""
+    ratios = sorted({t.poisson_ratio for t in tests})
+    if len(ratios) > 1:
+        raise InputError(
+            f"the tests state different Poisson ratios ({', '.join(f'{r:g}' for r in ratios)}), "
+            "but specimens judged together share the material: diagnose them one by one, or state "
+            "one ratio in their files"
+        )
+
+
+def _believed(priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
+    """Centre and standard deviation (MPa) of moduli; InputError for what is no prior of one."""
+    known = [m.name for m in MODULI]
+    for name, prior in priors.items():
+        if name not in known:
+            raise InputError(
+                f"prior: {name} is none of {', '.join(known)}; in a diagnosis effects have priors "
+                "of physical size about their null (docs/diagnosis.md)"
+            )
+        if not (0.0 < prior.mean < np.inf and 0.0 < prior.deviation < np.inf):
+            raise InputError(f"prior of {name}: give a value and a deviation above 0 MPa")
+    return {name: (prior.mean, prior.deviation) for name, prior in priors.items()}
+
+
+def _baseline(prepared: Sequence[Prepared]) -> Regression:
+    """Moduli alone; then the mesh's error is taken off and outliers left out, and again."""
+    data = [p.data for p in prepared]
+    rough = regress([_few_frames(d) for d in data], MODULI, START)
+    first = regress(data, MODULI, rough.values)
+    for p, prediction in zip(prepared, first.predictions, strict=True):
+        renew_noise(p, prediction.displacement)
+        drop_outliers(p, prediction.displacement)
+    return settle(prepared, first)
+
+
+def _few_frames(data: Data) -> Data:
+    """Every fourth frame: enough to bring the moduli near their place."""
+    order = np.argsort(data.specimen.recorded, kind="stable")
+    frames = np.sort(order[::-4])
+    test = data.specimen.test.select(frames=frames)
+    whole = data.specimen
+    specimen = whole.of(test)
+    return Data(specimen, data.sigma, data.used[frames], data.inflation)

@@ -1,0 +1,1 @@
+"""What does a diagnosis say in plain words?"""

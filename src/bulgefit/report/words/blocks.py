@@ -1,0 +1,84 @@
+"""What does a diagnosis say on a page, by what it is about?"""
+
+from __future__ import annotations
+
+from bulgefit.effects.parameter import Owned
+from bulgefit.report.page.blocks import Block
+from bulgefit.report.record import Record
+from bulgefit.report.words.causes import evidence_words, parameter_rows
+from bulgefit.report.words.gaps import GAP_COLUMNS, gap_rows, held_out_words, moduli_rows, shrinkage
+from bulgefit.report.words.left import remainder_items
+from bulgefit.report.words.names import chance_text, of_whom, owned, with_rivals
+from bulgefit.report.words.next import action_items, advice_items
+from bulgefit.report.words.notes import note_items
+from bulgefit.report.words.verdict import is_unnamed
+
+__all__ = ["blocks_of"]
+
+
+def blocks_of(record: Record) -> dict[str, list[Block]]:
+    """The words of a page, by what they are about."""
+    return {
+        "causes": _cause_blocks(record),
+        "moduli": [
+            Block("table", rows=(("modulus (MPa)", "moduli alone", "with causes"),
+                                 *moduli_rows(record)))
+        ],
+        "gap": _gap_blocks(record),
+        "left": [Block("list", tuple(remainder_items(record)))],
+        "next": [Block("list", (*action_items(record), *advice_items(record)))],
+        "tried": _tried_blocks(record),
+        "notes": [Block("list", tuple(note_items(record)))],
+    }  # fmt: skip
+
+
+def _cause_blocks(record: Record) -> list[Block]:
+    causes = record["causes"]
+    if not causes:
+        return (
+            [Block("text", ("No effect that has a name is sure.",))] if is_unnamed(record) else []
+        )
+    rows = [("cause", "parameter", "value ± standard error")]
+    for cause in causes:
+        label = with_rivals(record, cause)
+        for name, text in parameter_rows(record, cause):
+            rows.append((label, name, text))
+            label = ""
+    told = tuple(
+        f"**{c['effect']}{of_whom(record, c)}**: {c['meaning']}. {evidence_words(c)}"
+        for c in causes
+    )
+    return [Block("table", rows=tuple(rows)), Block("list", told)]
+
+
+def _gap_blocks(record: Record) -> list[Block]:
+    head = ("mean absolute deviation (mm)", *GAP_COLUMNS[:-1], "in noise units")
+    rows = [
+        (label, *(f"{gap[c]:.4f}" for c in GAP_COLUMNS[:-1]), f"{gap['chi']:.2f}")
+        for label, gap in gap_rows(record)
+    ]
+    kept = held_out_words(record)
+    return [
+        Block("text", (shrinkage(record),)),
+        Block("table", rows=(head, *rows)),
+        *([Block("text", (kept,))] if kept else []),
+    ]
+
+
+def _tried_blocks(record: Record) -> list[Block]:
+    """Candidates that are not in the model, and those that could not be tried."""
+    others = sorted(record["others"].items(), key=lambda pair: -pair[1])
+    rows = [(owned(record, group), chance_text(p), "weighed and dropped") for group, p in others]
+    told = {Owned.read(group).effect for group in (*record["others"], *_taken(record))}
+    gone = [effect for effect in record["report"]["candidates"] if effect not in told]
+    if gone:
+        rows.append((", ".join(gone), "below 0.001 each", "weighed and dropped"))
+    rows += [(effect, "", f"not tried: {why}") for effect, why in record["skipped"].items()]
+    if not rows:
+        return [Block("text", ("Every effect that was tried is in the model.",))]
+    return [Block("table", rows=(("effect", "probability", "what became of it"), *rows))]
+
+
+def _taken(record: Record) -> list[str]:
+    """Groups of the final model."""
+    return [str(step["taken"]) for step in record["tried"]]

@@ -1,0 +1,77 @@
+"""What does a diagnosis come to, in a sentence?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bulgefit.gap.causes import Verdict
+from bulgefit.gap.evidence.probability import SURE
+from bulgefit.report.numbers import listed
+from bulgefit.report.record import Record
+from bulgefit.report.words.left import strong_cells
+from bulgefit.report.words.names import called
+
+__all__ = ["is_unnamed", "verdict_words"]
+
+
+def verdict_words(record: Record) -> str:
+    """The verdict in a sentence."""
+    causes, verdict = record["causes"], record["verdict"]
+    named = listed([called(record, c) for c in causes])
+    if verdict == Verdict.NONE:
+        return "The model with its moduli alone is good to the noise; nothing need be added."
+    if verdict == Verdict.NAMED:
+        return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
+    if verdict == Verdict.AMBIGUOUS:
+        return (
+            f"The gap is explained down to the noise by {named}; which of several, this data "
+            "cannot tell."
+        )
+    left = _left(record)
+    if verdict == Verdict.PARTIAL:
+        sure = listed([called(record, c) for c in causes if c["probability"] >= SURE])
+        return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
+    helps = f"; {named} {_helps(causes)} in part" if causes else ""
+    return f"No effect that has a name explains the gap: {left}{helps}."
+
+
+def is_unnamed(record: Record) -> bool:
+    """Whether something is left that has no name."""
+    return record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN)
+
+
+def _left(record: Record) -> str:
+    """What is left, for a verdict."""
+    places = listed([_place(f) for f in record["fields"]])
+    if places:
+        return f"something that has no name sits in {places}"
+    if strong_cells(record):
+        return "structure is left"
+    return "a pattern is left that is no larger than the noise, but not made by it"
+
+
+def _place(found: Mapping[str, Any]) -> str:
+    """Where a field sits, and how large it is."""
+    unit = "" if found["unit"] == "1" else f" {found['unit']}"
+    return (
+        f"the place {found['place']!r} ({found['quantity']}: up to {found['largest']:+.3g}{unit} "
+        f"at {_where(found['where'])}, {found['rms']:.2g}{unit} on the whole)"
+    )
+
+
+def _where(where: Mapping[str, float]) -> str:
+    if "x_mm" in where:
+        return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
+    if "angle_degree" in where:
+        return f"{where['angle_degree']:.0f}° from x"
+    if "strain" in where:
+        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
+        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
+    if "time_share" in where:
+        return f"{100.0 * where['time_share']:.0f} % of the test's time"
+    return f"{where['pressure_bar']:.3g} bar"
+
+
+def _helps(causes: Sequence[Any]) -> str:
+    return "helps" if len(causes) == 1 else "help"
