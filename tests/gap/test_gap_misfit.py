@@ -133,7 +133,7 @@ def test_what_the_parameters_took_is_made_up_for(data, modes):
     flat = slopes.reshape(189, -1)
     residual -= np.tensordot(flat @ residual.ravel(), slopes, 1)
     rows = np.concatenate([slopes, residual[None]])
-    found = Misfit.of(data, rows, flat @ flat.T + 1e-6 * np.eye(189), INFLATION)
+    found = Misfit.of(data, rows, np.linalg.inv(flat @ flat.T + 1e-6 * np.eye(189)), INFLATION)
     assert np.trace(found.spread[0]) / COURSES == pytest.approx(20.0, rel=3 * np.sqrt(2 / 189))
 
 

@@ -19,7 +19,7 @@ from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
-from bulgefit.gap.evidence.temper import taken_up, temper
+from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explain import _stepped_fields
 
@@ -184,6 +184,18 @@ def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     # correlated noise is granted its inflation
     granted = replace(data, inflation=expected)
     assert temper([granted], [off], taken=0) == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_loudest_course_is_told_and_not_the_mean_of_all(data: Data) -> None:
+    """A plane in one component alone, alike in all frames: one of 18 courses times components."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    x, frames = data.specimen.reference[:, 0], len(data.used)
+    miss = (x / np.std(x))[:, None] * data.sigma * [2.0, 0.0, 0.0]
+    off = replace(prediction, displacement=prediction.displacement + miss)
+    mean, largest = (told([data], [off], taken=0) for told in (temper, loudest))
+    square = 4.0 * frames * len(x)
+    assert largest == pytest.approx(1.0 + square / 21, rel=0.05)
+    assert mean == pytest.approx(1.0 + square / (21 * 3 * min(frames, 6)), rel=0.05)
 
 
 def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:

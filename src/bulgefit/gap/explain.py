@@ -26,7 +26,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
-from bulgefit.gap.evidence.temper import taken_up, temper
+from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -316,7 +316,7 @@ class _Trial:
         best, search = self.search.best, self.search
         if not self.is_content:
             taken = taken_up(search.problem, best, search.layout)
-            by = temper(self.data, self.regression.predictions, taken)
+            by = loudest(self.data, self.regression.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from bulgefit.gap.data import Data
 
@@ -105,7 +104,7 @@ class Misfit:
     spread: tuple[Floats, ...]
 
     @classmethod
-    def of(cls, d: Data, rows: Floats, known: Floats, inflation: float) -> Misfit:
+    def of(cls, d: Data, rows: Floats, covariance: Floats, inflation: float) -> Misfit:
         """Of what a model leaves of a specimen.
 
         The likelihood is largest where the variances along the eigenvectors of the mean product of
@@ -118,17 +117,18 @@ class Misfit:
         ----------
         d : Data
         rows : (p + 1, frames, points, 3) array
-            Derivatives by the model's coordinates and the residual at its optimum, in noise units.
-        known : (p, p) array
-            JᵀJ + v diag(1/s²) over all specimens, v the noise's inflation and s prior widths.
+            Derivatives by the specimen's own coordinates and the residual at the model's optimum,
+            in noise units.
+        covariance : (p, p) array
+            Their part of (JᵀJ + v diag(1/s²))⁻¹ over all specimens, v the noise's inflation and s
+            prior widths.
         inflation : float
         """
-        modes, factor = _Modes.of(d), cho_factor(known)
-        spread = []
+        modes, spread = _Modes.of(d), list[Floats]()
         for part, count in zip(modes.parts(modes.courses(rows)), modes.counts, strict=True):
-            slopes, left = part[:-1].reshape(len(known), -1), part[-1]
+            slopes, left = part[:-1].reshape(len(covariance), -1), part[-1]
             freedom = count * part.shape[2]
-            taken = float((slopes * cho_solve(factor, slopes)).sum())
+            taken = float((slopes * (covariance @ slopes)).sum())
             values, turn = np.linalg.eigh(left.T @ left / count * freedom / (freedom - taken))
             spread.append((turn * np.maximum(values - inflation, 0.0)) @ turn.T)
         return cls(modes, tuple(spread))

@@ -14,7 +14,7 @@ from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["taken_up", "temper"]
+__all__ = ["loudest", "taken_up", "temper"]
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +42,29 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
         square += float((seen**2).sum()) / d.inflation
         modes += seen.size
     return max(square / max(modes - taken, 1.0), 1.0)
+
+
+def loudest(data: Sequence[Data], predictions: Sequence[Prediction], taken: float) -> float:
+    """The same of the course and component in which the residual is largest, and not their mean.
+
+    What no model follows sits in few of them (a seam's in one component, growing with pressure),
+    and effects that have nothing to do with it are told by just these. The largest eigenvalue of
+    the mean product of the modes' coefficients over the specimen, by specimen the largest.
+
+    Parameters
+    ----------
+    taken : float
+        As for `temper`.
+    """
+    seen = [_of_modes(d, d.residual(p)[None]) for d, p in zip(data, predictions, strict=True)]
+    count = sum(modes.size for modes in seen)
+    left = max(count - taken, 1.0) / count
+    found = 1.0
+    for d, modes in zip(data, seen, strict=True):
+        courses = modes[0].swapaxes(0, 1).reshape(modes.shape[2], -1)
+        values = np.linalg.eigvalsh(courses.T @ courses / len(courses))
+        found = max(found, float(values[-1]) / (d.inflation * left))
+    return found
 
 
 def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:

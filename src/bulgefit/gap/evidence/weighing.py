@@ -93,13 +93,13 @@ class Weighing:
         """
         width = np.array([self.coordinates.every[c].width for c in here.columns])
         known = here.hessian + self.inflation * np.diag(width**-2)
+        inverse: Floats = np.asarray(np.linalg.inv(known), dtype=np.float64)
         misfits = []
         for index, (d, white) in enumerate(zip(self.data, here.rows, strict=True)):
             own = self.coordinates.of_specimen(here.columns, index)
-            rows = np.zeros((len(here.columns) + 1, *d.used.shape))
-            place = np.append(np.searchsorted(here.columns, own), len(rows) - 1)
-            rows[place] = self.of_frames(index, white)
-            misfits.append(Misfit.of(d, rows, known, self.inflation))
+            place = np.searchsorted(here.columns, own)
+            rows = self.of_frames(index, white)
+            misfits.append(Misfit.of(d, rows, inverse[np.ix_(place, place)], self.inflation))
         return Weighing(self.data, self.coordinates, self.offsets, self.tempered, misfits)
 
     @property
