@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
@@ -123,6 +125,31 @@ def test_a_forecast_from_all_is_the_smaller_models_own_evidence(random_linear, m
     assert found.score == pytest.approx(marginal(problem, rows, columns, measured), rel=1e-10)
     left = np.setdiff1d(everything, columns)
     np.testing.assert_array_equal(found.x[left], layout.null[left])
+
+
+@pytest.mark.parametrize("base", [{}, {"a": 0, "c": 1}, {"a": 0, "b": 1, "c": 1, "d": 0}])
+def test_a_forecast_by_blocks_is_that_by_the_whole_matrix(base):
+    """Groups go, come and are swapped, bounded ones and forms among them."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(30, 8)) @ (np.eye(8) + 0.6 * rng.normal(size=(8, 8)))
+    groups = [
+        group("m", [2.0], always=True),
+        group("a", [1.0, 1.5], lower=[0.0, -np.inf]),
+        group("b", [0.7, 2.0], lower=[-0.1, -0.2], forms=((0,), (0, 1))),
+        group("c", [1.0, 0.3], forms=((1,), (0, 1))),
+        group("d", [0.5], lower=[0.0]),
+    ]
+    measured = rows @ rng.normal(size=8) + rng.normal(size=30)
+    problem = linear(groups, rows, measured, inflation=2.5)
+    layout = Layout.of(problem.groups)
+    here = problem.linearise(rng.uniform(0.1, 0.4, 8), layout.columns(layout.whole()))
+    found = Forecast.of(here, layout, layout.columns(freeze(base)), problem.inflation)
+    forms = {"a": (None, 0), "b": (None, 0, 1), "c": (None, 0, 1), "d": (None, 0)}
+    for chosen in itertools.product(*forms.values()):
+        model = {n: f for n, f in zip(forms, chosen, strict=True) if f is not None}
+        columns = layout.columns(freeze(model))
+        exact = laplace(here, layout, columns, problem.inflation).score
+        assert found.score(columns) == pytest.approx(exact, rel=1e-9)
 
 
 def test_forms_choose_coordinates():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import acting
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
@@ -100,7 +100,10 @@ def test_their_derivatives_are_those_of_differences(name: str, data: Data) -> No
 def test_gradients_are_those_of_the_misfit(data: Data) -> None:
     weighing, layout = weighing_of(data)
     x = off_the_null(layout)
-    columns = np.unique([0, *(layout.part(n).start for n in NAMES), layout.part(NAMES[1]).stop - 1])
+    groups = [Owned(name) for name in NAMES]
+    columns = np.unique(
+        [0, *(layout.part(n).start for n in groups), layout.part(groups[1]).stop - 1]
+    )
     here = weighing.linearise(x, columns)
     assert weighing.count == data.used.sum() + data.used.shape[1]
     for place, column in enumerate(columns):
@@ -164,7 +167,7 @@ def test_a_shape_that_was_measured_is_told_from_frames_that_bend(flat: Data, dat
     errors = []
     for d in (flat, data):
         weighing, layout = weighing_of(d, names=("initial_shape", "frame_field"))
-        model = freeze({"initial_shape": 1, "frame_field": 0})
+        model = freeze({Owned("initial_shape"): 1, Owned("frame_field"): 0})
         found = regression_of(weighing, descend(weighing, layout, model, off_the_null(layout)))
         se = found.standard_errors()
         for name, truth in TRUTH.items():

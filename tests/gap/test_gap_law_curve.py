@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.effects.registry import acting
 from bulgefit.fem.laws.potential import KNOTS
 from bulgefit.gap.data import Data
@@ -37,8 +38,8 @@ def fitted(data: Data, effect: str) -> tuple[Fit, LawTable]:
     start = np.array(layout.null)
     start[:3] = np.log([*MODULI.values()])
     weighing = Weighing([data], coordinates)
-    form = len(layout.groups[effect].shapes) - 1
-    fit = descend(weighing, layout, freeze({effect: form}), start)
+    form = len(layout.groups[Owned(effect)].shapes) - 1
+    fit = descend(weighing, layout, freeze({Owned(effect): form}), start)
     return fit, law_table([data], regression_of(weighing, fit))
 
 
@@ -84,7 +85,9 @@ def test_a_gain_is_told_by_its_name(made_by_the_model: Callable[..., Data]) -> N
     layout = Layout.of(coordinates.groups)
     start = np.array(layout.null)
     start[:3] = np.log([*MODULI.values()])
-    gain = descend(Weighing([data], coordinates), layout, freeze({"nonlinear_material": 0}), start)
+    gain = descend(
+        Weighing([data], coordinates), layout, freeze({Owned("nonlinear_material"): 0}), start
+    )
     assert curve.score - gain.score > 5.0
     strain = table.strain[table.strain <= 0.05]
     for axis, modulus in enumerate(("E1", "E2")):

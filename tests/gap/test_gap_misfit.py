@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.effects.registry import catalogue
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
@@ -170,12 +171,12 @@ def test_beside_a_misfit_only_true_causes_are_sure(made_by_the_model, seed):
     def sure(search: Search[Weighing]) -> set[str]:
         search.improved(search.best)
         chances = weighed(search.scores(1.0), 1.0, search.names).groups
-        return {name for name, p in chances.items() if p >= 0.95}
+        return {str(group) for group, p in chances.items() if p >= 0.95}
 
     settled = trial.settled()
     assert sure(trial.search) > {"clamp_slip"}
     assert sure(settled.search) == {"clamp_slip"}
-    part = layout.part("clamp_slip")
+    part = layout.part(Owned("clamp_slip"))
     assert settled.search.best.x[part] == pytest.approx(0.01, abs=0.001)
 
 
@@ -193,7 +194,7 @@ def test_each_specimen_has_a_misfit_of_its_own(made_by_the_model: Callable[..., 
     effects = [catalogue()[e] for e in ("clamp_slip", "initial_shape", "registration")]
     coordinates = Coordinates.of(effects, [d.specimen.nulls() for d in whole])
     plain, layout = Weighing(whole, coordinates), Layout.of(coordinates.groups)
-    columns = layout.columns(layout.whole(["initial_shape@0", "registration@1"]))
+    columns = layout.columns(layout.whole([Owned("initial_shape", 0), Owned("registration", 1)]))
     x = np.array(layout.null)
     x[:3] = np.log(list(TRUTH.values()))
     here = plain.linearise(x, columns)

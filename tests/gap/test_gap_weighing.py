@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
-from bulgefit.gap.evidence.coordinates import Coordinates, effect_of, is_field, specimen_of
+from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
@@ -48,14 +48,12 @@ def near_the_truth(weighing: Weighing, layout: Layout) -> np.ndarray:
 def test_every_coordinate_is_of_its_group_and_specimen(data: Data) -> None:
     weighing, layout = weighing_of([data, data])
     names = [g.id for g in weighing.groups]
-    assert names[0] == "moduli"
-    assert {"clamp_slip@0", "clamp_slip@1", "stiffness_field@1"} <= set(names)
-    assert [effect_of("rim_field@1"), specimen_of("rim_field@1")] == ["rim_field", 1]
-    assert specimen_of("creep") is None
-    assert is_field("rim_field@1")
-    assert not is_field("clamp_lobes")
+    assert names[0] == Owned("moduli")
+    assert {Owned("clamp_slip", 0), Owned("clamp_slip", 1), Owned("stiffness_field", 1)} <= {*names}
+    assert is_field(Owned("rim_field", 1))
+    assert not is_field(Owned("clamp_lobes"))
     x = np.array(layout.null)
-    x[layout.part("clamp_slip@1")] = 0.02
+    x[layout.part(Owned("clamp_slip", 1))] = 0.02
     values = [weighing.coordinates.values(x, index) for index in (0, 1)]
     assert "clamp_slip.compliance" not in values[0]
     assert values[1]["clamp_slip.compliance"] == 0.02
@@ -77,8 +75,10 @@ def test_gradients_are_those_of_the_misfit(data: Data) -> None:
     pattern = np.random.default_rng(2).normal(size=data.used.shape) * 1e-3
     weighing, layout = weighing_of([replace(data, mesh=pattern, inflation=2.0)])
     x = near_the_truth(weighing, layout)
-    columns = np.array([0, 2, *(layout.part(n).start for n in NAMES), len(x) - 1], dtype=np.intp)
-    columns = np.unique([*columns, layout.part("stiffness_field").start + 28])
+    columns = np.array(
+        [0, 2, *(layout.part(Owned(n)).start for n in NAMES), len(x) - 1], dtype=np.intp
+    )
+    columns = np.unique([*columns, layout.part(Owned("stiffness_field")).start + 28])
     here = weighing.linearise(x, columns)
     for place, column in enumerate(columns):
         step = 1e-3 * layout.width[column]
@@ -142,7 +142,7 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     weighing, layout = weighing_of([data])
     start = np.array(layout.null)
     start[:3] = np.log([320.0, 200.0, 25.0])
-    model = freeze({"clamp_slip": 0, "rigid_motion": 0, "stiffness_field": 0})
+    model = freeze({Owned(n): 0 for n in ("clamp_slip", "rigid_motion", "stiffness_field")})
     fit = descend(weighing, layout, model, start)
     assert fit.converged
     found = regression_of(weighing, fit)
@@ -155,7 +155,7 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     sd = np.sqrt(np.diag(fit.covariance))
     for place, key in enumerate(MODULI):
         assert errors[key] / found.values[key] == pytest.approx(sd[place], rel=1e-6)
-    slip = layout.columns(model).tolist().index(layout.part("clamp_slip").start)
+    slip = layout.columns(model).tolist().index(layout.part(Owned("clamp_slip")).start)
     assert errors[slipping] == pytest.approx(sd[slip], rel=1e-6)
     # what the data hardly say of is known by its prior, held out or not
     assert max(errors[k] for k in found.keys if k.effect == "stiffness_field") < 0.15
@@ -165,7 +165,7 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
 def test_a_regression_keeps_no_derivatives(data: Data) -> None:
     """Nor a view of them: a hundred megabytes each, where fields are free and refits are many."""
     weighing, layout = weighing_of([data])
-    model = layout.whole(("clamp_slip",))
+    model = layout.whole((Owned("clamp_slip"),))
     fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
     (kept,) = regression_of(weighing, fit).predictions
     assert kept.derivative.size == 0
@@ -202,14 +202,14 @@ def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:
 def test_modes_are_taken_up_by_what_data_determine_and_by_what_is_seen_in_them(data: Data) -> None:
     """Moduli, slip and a turned frame are seen in smooth modes; bumps are finer, and held."""
     weighing, layout = weighing_of([data])
-    model = layout.whole(("clamp_slip", "rigid_motion"))
+    model = layout.whole((Owned("clamp_slip"), Owned("rigid_motion")))
     fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
     few = taken_up(weighing, fit, layout)
     count = len(fit.here.columns)
     assert 0.9 * count < few < count
-    rough = layout.whole(("clamp_slip", "rigid_motion", "stiffness_field"))
+    rough = layout.whole([Owned(n) for n in ("clamp_slip", "rigid_motion", "stiffness_field")])
     more = descend(weighing, layout, rough, fit.x, fit.here.near, roughly=True)
-    bumps = layout.part("stiffness_field")
+    bumps = layout.part(Owned("stiffness_field"))
     known = np.diag(more.covariance) / layout.width[more.here.columns] ** 2
     determined = (1.0 - np.clip(known, 0.0, 1.0)).sum()
     assert bumps.stop - bumps.start > 100
@@ -223,7 +223,7 @@ def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> N
     weighing, layout = weighing_of([data])
     noisier, _ = weighing_of([replace(data, sigma=3.0 * data.sigma)])
     x = near_the_truth(weighing, layout)
-    columns = layout.columns(layout.whole(("clamp_slip", "rigid_motion")))
+    columns = layout.columns(layout.whole((Owned("clamp_slip"), Owned("rigid_motion"))))
     beside = weighing.beside(3.0).beside(3.0)
     assert (beside.tempered, beside.afresh().tempered) == (9.0, 9.0)
     found, same = (laplace(w.linearise(x, columns), layout, columns, w.inflation) for w in
@@ -238,7 +238,7 @@ def test_a_fabric_that_cannot_be_is_no_shape(data: Data) -> None:
     x = near_the_truth(weighing, layout)
     x[0] -= 10.0  # of ln E1
     with pytest.raises(SolveError, match="no such fabric"):
-        weighing.linearise(x, layout.columns(layout.whole(("clamp_slip",))))
+        weighing.linearise(x, layout.columns(layout.whole((Owned("clamp_slip"),))))
 
 
 def test_a_tangent_that_cannot_be_solved_is_no_shape(

@@ -56,6 +56,7 @@ def opened(profile: Any) -> Iterator[webdriver.Chrome]:
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(DRIVER))
     try:
+        driver.get("about:blank")  # what the browser's own first page asks for is none of ours
         yield driver
     finally:
         driver.quit()
@@ -228,6 +229,33 @@ def test_an_elliptic_clamp_is_an_ellipse(browser, pages):
       return [left, right, top, bottom];
     """)
     assert (bottom - top) / (right - left) == pytest.approx(0.6, abs=0.02)
+
+
+def luminance(colour):
+    """Of `rgb(r, g, b)`, relative (WCAG 2.1)."""
+    parts = np.array([int(part) for part in colour[4:-1].split(",")]) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return linear @ (0.2126, 0.7152, 0.0722)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_numbers_stand_out_from_every_colour(browser, pages, scheme):
+    """By the contrast that WCAG 2.1 asks of text, 4.5."""
+    show(browser, pages["gap"], scheme=scheme)
+    pairs = browser.execute_script("""
+      const svg = document.querySelector(".discs svg"), out = [];
+      for (const sign of "np") for (const level of [1, 2, 3, 4]) {
+        const [field, text] = ["path", "text"].map((name) =>
+          svg.appendChild(document.createElementNS("http://www.w3.org/2000/svg", name)));
+        field.setAttribute("class", `w ${sign}${level}`);
+        text.setAttribute("class", `on${level}`);
+        out.push([getComputedStyle(field).fill, getComputedStyle(text).fill]);
+      }
+      return out;
+    """)
+    for field, text in pairs:
+        low, high = sorted([luminance(field), luminance(text)])
+        assert (high + 0.05) / (low + 0.05) >= 4.5
 
 
 def test_another_test_is_chosen(browser, pages):

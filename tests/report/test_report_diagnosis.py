@@ -10,6 +10,7 @@ import pytest
 from matplotlib.image import imread
 
 from bulgefit.effects.fields.base import Sampled
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError
 from bulgefit.gap.causes import Verdict
 from bulgefit.gap.effects import SHEAR
@@ -149,7 +150,10 @@ def test_several_tests_of_one_name(pair, tmp_path):
 
 def test_budget_goes_from_the_moduli_to_what_is_left(found):
     rows = budget_of(found)
-    assert [row["effect"] for row in rows] == [None, *found.explanation.groups]
+    assert [row["effect"] for row in rows] == [
+        None,
+        *(group.effect for group in found.explanation.groups),
+    ]
     assert rows[1]["parameters"] == [
         f"{kind}_{axis}" for kind in ("rotation", "shift") for axis in "xyz"
     ]
@@ -202,12 +206,12 @@ def test_words_of_every_verdict(found):
     ("group", "where", "told"),
     [
         (
-            "stiffness_field",
+            Owned("stiffness_field"),
             {"x_mm": -24.0, "y_mm": 4.0},
             "the place 'material' (relative change of stiffness: up to -0.45 at (-24, 4) mm, 0.26",
         ),
-        ("rim_field@0", {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
-        ("pressure_field", {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
+        (Owned("rim_field", 0), {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
+        (Owned("pressure_field"), {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
     ],
 )
 def test_what_has_no_name_is_told_by_its_place(found, group, where, told):

@@ -100,7 +100,7 @@ def test_discs_of_a_page(found):
     scale = re.compile(r'<g transform="scale\((\S+) (\S+)\)">')
     assert {tuple(map(float, s)) for s in scale.findall(circle)} == {(1.0, 1.0)}
     assert {tuple(map(float, s)) for s in scale.findall(ellipse)} == {(1.0, 0.6)}
-    number = re.compile(r'<text x="(\S+)" y="(\S+)">\d+</text>')
+    number = re.compile(r'<text class="on\d" x="(\S+)" y="(\S+)">\d+</text>')
     round_, flat = (np.array(number.findall(page), dtype=float) for page in (circle, ellipse))
     assert len(round_)
     np.testing.assert_allclose(flat, round_ * (1.0, 0.6), atol=1e-9)

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.effects import CREASES
 from bulgefit.gap.evidence.coordinates import MATERIAL
@@ -38,7 +39,7 @@ def taken_apart(
     final: Regression,
     baseline: Regression,
     executor: Executor,
-) -> tuple[list[str], dict[str, Regression | None], list[Step]]:
+) -> tuple[list[Owned], dict[Owned, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli."""
     names = sorted(name for name, _ in fit.model)
     beside = (weighing, layout, fit.x, fit.here.near)
@@ -52,7 +53,7 @@ def taken_apart(
         rests = spread(executor, _refit, beside, [_less(fit.model, [name]) for name in names])
     without = dict(zip(names, rests, strict=True))
 
-    def worth(name: str) -> float:
+    def worth(name: Owned) -> float:
         rest = without[name]
         return np.inf if rest is None else rest.held_out()
 
@@ -63,22 +64,21 @@ def taken_apart(
     steps, last = [], alone
     if more:
         last = alone if names else final
-        steps.append(
-            Step(" + ".join([*scattering, *([CREASES] if creased else [])]), baseline, last)
-        )
+        creases = [Owned(CREASES)] if creased else []
+        steps.append(Step((*scattering, *creases), baseline, last))
     for name, after in zip(names, fits[1:], strict=True) if names else ():
-        steps.append(Step(name, last, after or last))
+        steps.append(Step((name,), last, after or last))
         last = after or last
     return names, without, steps
 
 
-def _less(model: Model, names: Iterable[str]) -> Model:
+def _less(model: Model, names: Iterable[Owned]) -> Model:
     gone = set(names)
     return freeze({name: form for name, form in model if name not in gone})
 
 
 def _between(
-    weighing: Weighing, layout: Layout, fit: Fit, names: Sequence[str]
+    weighing: Weighing, layout: Layout, fit: Fit, names: Sequence[Owned]
 ) -> list[Regression | None]:
     """The model with the first of its parts, the first two, ..., but for its last two.
 

@@ -10,7 +10,6 @@ import numpy as np
 from bulgefit.effects.registry import acting, fields
 from bulgefit.gap.causes import Cause
 from bulgefit.gap.effects import MODULI, SHEAR
-from bulgefit.gap.evidence.coordinates import effect_of, specimen_of
 from bulgefit.gap.explanation import Explanation, FoundField, Step
 from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression
@@ -103,7 +102,7 @@ def specimens_dict(
 def field_dict(found: Explanation, field: FoundField) -> dict[str, Any]:
     """What has no name but its place."""
     evidence = found.evidence[field.group]
-    kind = fields()[effect_of(field.group)]
+    kind = fields()[field.group.effect]
     largest, where = field.sampled.largest
     before, final = found.baseline, found.final
     share = None
@@ -113,9 +112,9 @@ def field_dict(found: Explanation, field: FoundField) -> dict[str, Any]:
     return {
         "place": kind.place,
         "field": kind.id,
-        "specimen": specimen_of(field.group),
+        "specimen": field.group.specimen,
         "probability": evidence.probability,
-        "alternatives": sorted({acting()[effect_of(r)].place for r in evidence.rivals}),
+        "alternatives": sorted({acting()[r.effect].place for r in evidence.rivals}),
         "quantity": kind.quantity,
         "rms": field.sampled.rms,
         "unit": kind.unit,
@@ -129,10 +128,10 @@ def step_dict(step: Step) -> dict[str, Any]:
     """What was taken, and what it made of the held-out misfit."""
     return {
         "heldout_before": step.before.held_out(),
-        "taken": step.group,
+        "taken": step.name,
         "candidates": [
             {
-                "effect": step.group,
+                "effect": step.name,
                 "parameters": len(step.after.keys) - len(step.before.keys),
                 "heldout": step.after.held_out(),
             }

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.evidence.coordinates import effect_of, is_field, specimen_of
+from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.keys import at_edge
 from bulgefit.gap.scatter import of_the_cloth
@@ -111,9 +112,9 @@ def causes_of(found: Explanation) -> list[Cause]:
     return [_cause(found, group, excess) for group in found.groups if not is_field(group)]
 
 
-def _cause(found: Explanation, group: str, excess: float) -> Cause:
+def _cause(found: Explanation, group: Owned, excess: float) -> Cause:
     evidence = found.evidence[group]
-    effect = CATALOGUE[effect_of(group)]
+    effect = CATALOGUE[group.effect]
     errors = found.final.standard_errors()
     parameters, at_bound = {}, False
     for key in found.groups[group]:
@@ -135,9 +136,9 @@ def _cause(found: Explanation, group: str, excess: float) -> Cause:
         bias = {m.name: alone[m] / full[m] - 1.0 for m in MODULI}
     return Cause(
         effect=effect.id,
-        specimen=specimen_of(group),
+        specimen=group.specimen,
         probability=evidence.probability,
-        alternatives=tuple(effect_of(rival) for rival in evidence.rivals),
+        alternatives=tuple(rival.effect for rival in evidence.rivals),
         parameters=parameters,
         at_bound=at_bound,
         share_of_gap=share,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bulgefit.gap.effects import CATALOGUE
-from bulgefit.gap.evidence.coordinates import effect_of, is_field
+from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.prepare import Prepared
 
@@ -72,7 +72,7 @@ def held_moduli(found: Explanation) -> list[str]:
 
 def lacked_by(kept_out: Prepared, found: Explanation) -> list[str]:
     """Shared effects that a held-out test was met without, since it lacks what they need."""
-    effects = [CATALOGUE[effect_of(group)] for group in found.groups if not is_field(group)]
+    effects = [CATALOGUE[group.effect] for group in found.groups if not is_field(group)]
     return [
         f"the held-out test has no {need}: it was met without {effect.id}"
         for effect in effects

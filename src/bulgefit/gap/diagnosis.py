@@ -140,7 +140,7 @@ class Diagnosis(Drawn):
                 "where": cells_dict(rest.cells, 20) if rest.significant else [],
             },
             "tried": [step_dict(s) for s in self.explanation.steps],
-            "others": self.explanation.others,
+            "others": {str(group): p for group, p in self.explanation.others.items()},
             **({} if self.holdout is None else {"holdout": self.holdout.to_dict()}),
             "skipped": self.skipped,
             "warnings": self.warnings,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Field, Sampled
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import SolveError
 from bulgefit.gap.apart import taken_apart
@@ -19,9 +19,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import (
     Coordinates,
-    effect_of,
     is_field,
-    specimen_of,
 )
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import regression_of
@@ -124,9 +122,10 @@ def explain(
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
     if creased is not None:
         say("the model without offsets")
-        keys[CREASES] = offsets_of_points(len(whole))
-        evidence[CREASES] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
-        found_fields.append(FoundField(CREASES, _creases(whole, final)))
+        creases = Owned(CREASES)
+        keys[creases] = offsets_of_points(len(whole))
+        evidence[creases] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
+        found_fields.append(FoundField(creases, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
         final=final,
@@ -166,11 +165,11 @@ def _stepped_fields(data: Sequence[Data]) -> list[Field]:
     ]
 
 
-def _catalogued(names: Iterable[str]) -> tuple[str, ...]:
+def _catalogued(names: Iterable[Owned]) -> tuple[Owned, ...]:
     return tuple(n for n in names if not is_field(n))
 
 
-def _free(layout: Layout) -> tuple[str, ...]:
+def _free(layout: Layout) -> tuple[Owned, ...]:
     return tuple(g.id for g in layout.groups.values() if not g.always)
 
 
@@ -395,7 +394,7 @@ def _creases(data: Sequence[Data], final: Regression) -> Sampled:
     return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
 
 
-def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: str) -> tuple[Key, ...]:
+def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: Owned) -> tuple[Key, ...]:
     part, columns = layout.part(group), layout.columns(model)
     return tuple(coordinates.every[c].key for c in columns if part.start <= c < part.stop)
 
@@ -405,7 +404,7 @@ def _evidence(
     coordinates: Coordinates,
     layout: Layout,
     fit: Fit,
-    group: str,
+    group: Owned,
     without: Regression | None,
 ) -> Evidence:
     part = layout.part(group)
@@ -420,14 +419,14 @@ def _evidence(
 
 
 def _field(
-    coordinates: Coordinates, layout: Layout, fit: Fit, group: str, data: Sequence[Data]
+    coordinates: Coordinates, layout: Layout, fit: Fit, group: Owned, data: Sequence[Data]
 ) -> FoundField:
-    specimen = data[specimen_of(group) or 0].specimen
+    specimen = data[group.specimen or 0].specimen
     part = layout.part(group)
     own = {
         coordinates.every[c].key.parameter: float(fit.x[c]) for c in range(part.start, part.stop)
     }
-    sampled = fields()[effect_of(group)].sampled(own, specimen.test.radius, specimen.recorded)
+    sampled = fields()[group.effect].sampled(own, specimen.test.radius, specimen.recorded)
     return FoundField(group, sampled)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.fields.base import Sampled
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.structure import Structure
@@ -25,7 +25,7 @@ class Evidence:
     Attributes
     ----------
     probability : float
-    rivals : tuple of str
+    rivals : tuple of Owned
         Groups of which one may stand in its place, where it is not sure.
     without : Regression or None
         The rest of the model, refitted; None where nothing balances.
@@ -34,7 +34,7 @@ class Evidence:
     """
 
     probability: float
-    rivals: tuple[str, ...]
+    rivals: tuple[Owned, ...]
     without: Regression | None
     pulls: dict[Key, float]
 
@@ -48,17 +48,22 @@ class Evidence:
 class FoundField:
     """A field of the final model: something sits in its place that no effect describes."""
 
-    group: str
+    group: Owned
     sampled: Sampled
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The model with one group more."""
+    """The model with one group more, or with all that it begins with."""
 
-    group: str
+    groups: tuple[Owned, ...]
     before: Regression
     after: Regression
+
+    @property
+    def name(self) -> str:
+        """As JSON and pictures tell it."""
+        return " + ".join(str(group) for group in self.groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +82,10 @@ class Explanation:
     ----------
     baseline, final : Regression
     known : Known
-    groups : dict of group (`effect`, or `effect@i` of specimen i) to its freed keys
+    groups : dict of Owned to its freed keys
         Those of the final model, what takes most off the gap first; fields among them.
-    evidence : dict of group to Evidence
-    others : dict of group to float
+    evidence : dict of Owned to Evidence
+    others : dict of Owned to float
         Probabilities of candidates that are not in the final model.
     fields : list of FoundField
     steps : list of Step
@@ -94,9 +99,9 @@ class Explanation:
     baseline: Regression
     final: Regression
     known: Known
-    groups: dict[str, tuple[Key, ...]]
-    evidence: dict[str, Evidence]
-    others: dict[str, float]
+    groups: dict[Owned, tuple[Key, ...]]
+    evidence: dict[Owned, Evidence]
+    others: dict[Owned, float]
     fields: list[FoundField]
     steps: list[Step]
     start: Structure

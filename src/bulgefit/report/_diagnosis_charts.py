@@ -45,9 +45,10 @@ def plot_cosines(
     panel.set_xticks(range(count), names, rotation=45, ha="right", rotation_mode="anchor")
     panel.set_yticks(range(count), names)
     panel.tick_params(labelsize=_figure.FONT - 1, length=0)
+    named = {group.effect for group in diagnosis.explanation.groups}
     for labels in (panel.get_xticklabels(), panel.get_yticklabels()):
         for label in labels:
-            if label.get_text() in diagnosis.explanation.groups:
+            if label.get_text() in named:
                 label.set_fontweight("bold")
     colour_bar = figure.colorbar(drawn, ax=panel, shrink=0.7, pad=0.02)
     colour_bar.set_label("cosine, moduli projected out", fontsize=_figure.FONT)

@@ -116,7 +116,7 @@ def plot_signatures(
     figure = Figure(figsize=(2.35 * width + 1.2, 7.6 * len(steps) + 0.5), layout="constrained")
     blocks = figure.subfigures(len(steps), 1, hspace=0.03, squeeze=False)
     for block, step in zip(blocks[:, 0], steps, strict=True):
-        block.suptitle(step.group, fontsize=_figure.FONT + 2, fontweight="bold")
+        block.suptitle(step.name, fontsize=_figure.FONT + 2, fontweight="bold")
         panels = block.subplots(3, width)
         before = residual_of(data, step.before, index)[frames]
         after = residual_of(data, step.after, index)[frames]
@@ -128,7 +128,7 @@ def plot_signatures(
             limit = limit_of(fields[0], fields[1])
             for k, frame in enumerate(frames):
                 bar = f"{10.0 * data.specimen.recorded[frame]:.3g} bar"
-                titles = ("residual before", f"what {step.group} adds", "what is left")
+                titles = ("residual before", f"what {step.name} adds", "what is left")
                 for place, (title, field) in enumerate(zip(titles, fields, strict=True)):
                     panel = row[3 * k + place]
                     drawn = draw_points(panel, data, field[k], -limit, limit, SIGNED)

@@ -44,7 +44,7 @@ def data_of(diagnosis: Diagnosis) -> list[Data]:
 
 def with_causes(diagnosis: Diagnosis, most: int = 2) -> str:
     """What the final model holds, for titles."""
-    effects = list(diagnosis.explanation.groups)
+    effects = [str(group) for group in diagnosis.explanation.groups]
     if not effects:
         return "moduli alone"
     more = f" and {len(effects) - most} more" if len(effects) > most else ""

@@ -17,7 +17,6 @@ from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fitting.result import describe_tests
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
-from bulgefit.gap.evidence.coordinates import effect_of, specimen_of
 from bulgefit.gap.explanation import Step
 from bulgefit.gap.keys import columns_of
 from bulgefit.gap.regress import Regression
@@ -148,8 +147,8 @@ def budget_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 def _budget_row(step: Step, fitted: float, held: float) -> dict[str, Any]:
     own = columns_of(key for key in step.after.keys if key not in step.before.keys)
     return {
-        "effect": effect_of(step.group),
-        "specimen": specimen_of(step.group),
+        "effect": " + ".join(group.effect for group in step.groups),
+        "specimen": step.groups[0].specimen,
         "parameters": [key.parameter for key in own],
         "fitted_mm": fitted,
         "heldout_mm": held,
@@ -178,5 +177,5 @@ def _modes(data: Sequence[Data], fit: Regression) -> list[list[dict[str, Any]]]:
 def _remedies(diagnosis: Diagnosis) -> dict[str, str]:
     """What to do about everything that was named, or has no name but a place."""
     named = [e for c in diagnosis.causes for e in (c.effect, *c.alternatives)]
-    unnamed = [effect_of(f.group) for f in diagnosis.explanation.fields]
+    unnamed = [f.group.effect for f in diagnosis.explanation.fields]
     return {e: acting()[e].remedy for e in dict.fromkeys((*named, *unnamed)) if e in acting()}

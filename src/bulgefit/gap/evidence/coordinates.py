@@ -1,7 +1,7 @@
 """Which coordinates does a diagnosis step in: of which parameter, from what null, how wide?
 
-Groups of several specimens are each specimen's own, `id@i`, but for what belongs to the cloth, and
-on one rig to that. What specimens scatter by is one group of all of them, in every model.
+Groups of several specimens are each specimen's own, but for what belongs to the cloth, and on one
+rig to that. What specimens scatter by is one group of all of them, in every model.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.parameter import Key, Owned, Parameter
 from bulgefit.effects.registry import fields
 from bulgefit.gap.evidence.problem import Group
 
-__all__ = ["MATERIAL", "Coordinate", "Coordinates", "effect_of", "is_field", "specimen_of"]
+__all__ = ["MATERIAL", "Coordinate", "Coordinates", "is_field"]
 
 Floats = NDArray[np.float64]
 
 #: Group of the moduli, which every model has.
-MATERIAL = "moduli"
+MATERIAL = Owned("moduli")
 #: Centres (MPa) of the moduli's priors, coated fabrics', each a decade wide: they hold for what is
 #: woven, and say next to nothing beside data.
 _MODULI = {"E1": 300.0, "E2": 300.0, "G12": 20.0}
@@ -90,7 +90,7 @@ class Coordinates:
         """
         groups, every = [], list[Coordinate]()
 
-        def add(name: str, place: str, own: list[Coordinate], **more: object) -> None:
+        def add(name: Owned, place: str, own: list[Coordinate], **more: object) -> None:
             null, width, lower = np.array([[c.null, c.width, c.lower] for c in own]).T
             groups.append(Group(name, place, null, width, lower, **more))  # type: ignore[arg-type]
             every.extend(own)
@@ -104,13 +104,12 @@ class Coordinates:
                     for index, null in enumerate(nulls)
                     for p in effect.parameters
                 ]
-                add(effect.id, effect.place, every_one, always=True)
+                add(Owned(effect.id), effect.place, every_one, always=True)
                 continue
             common = effect.shared or not several or (same_rig and effect.of_rig)
             for index in [None] if common else range(len(nulls)):
                 own = [_coordinate(effect, p, index, nulls[index or 0]) for p in _stepped(effect)]
-                name = effect.id if index is None else f"{effect.id}@{index}"
-                add(name, effect.place, own, forms=_forms(effect))
+                add(Owned(effect.id, index), effect.place, own, forms=_forms(effect))
         return cls(tuple(groups), tuple(every))
 
     def values(self, x: Floats, index: int) -> dict[str, float]:
@@ -126,20 +125,9 @@ class Coordinates:
         return [c for c in columns if self.every[c].key.specimen in (None, index)]
 
 
-def effect_of(group: str) -> str:
-    """The effect's id of a group's."""
-    return group.partition("@")[0]
-
-
-def specimen_of(group: str) -> int | None:
-    """Whose group it is; None for what all specimens share, and where there is only one."""
-    owner = group.partition("@")[2]
-    return int(owner) if owner else None
-
-
-def is_field(group: str) -> bool:
+def is_field(group: Owned) -> bool:
     """Whether a group is a field, not an effect with a name."""
-    return effect_of(group) in fields()
+    return group.effect in fields()
 
 
 def _moduli(priors: Mapping[str, tuple[float, float]]) -> list[Coordinate]:

@@ -18,6 +18,8 @@ Floats = NDArray[np.float64]
 
 #: Rounds over all bounds; the change of a factor's precision (relative) at which they are settled.
 _ROUNDS, _SETTLED = 200, 1e-10
+#: Standard deviations above a bound from which less than rounding lies below it.
+_FAR = 8.5
 
 
 def log_share_above(mean: Floats, covariance: Floats, lower: Floats) -> float:
@@ -28,24 +30,29 @@ def log_share_above(mean: Floats, covariance: Floats, lower: Floats) -> float:
     mean, lower : (k,) array
     covariance : (k, k) array
     """
-    if not len(mean):
-        return 0.0
     scale = np.sqrt(np.diag(covariance))
-    centre = (mean - lower) / scale
+    near = mean - lower < _FAR * scale
+    if not near.any():
+        return 0.0
+    scale, covariance = scale[near], covariance[np.ix_(near, near)]
+    centre = (mean - lower)[near] / scale
     prior = covariance / np.outer(scale, scale)
-    inverse = np.linalg.inv(prior)
+    pull = np.linalg.solve(prior, centre)
     precision, shift = np.zeros(len(centre)), np.zeros(len(centre))
-    masses = np.zeros(len(centre))
     for _ in range(_ROUNDS):
         before = precision.copy()
+        spread = np.linalg.inv(np.linalg.inv(prior) + np.diag(precision))
         for i in range(len(centre)):
-            spread = np.linalg.inv(inverse + np.diag(precision))
-            at = spread @ (inverse @ centre + shift)
-            rest = 1.0 / spread[i, i] - precision[i]
-            push = at[i] / spread[i, i] - shift[i]
-            masses[i], first, second = _cut(push / rest, 1.0 / rest)
+            own, at = spread[i, i], spread[i] @ (pull + shift)
+            rest = 1.0 / own - precision[i]
+            push = at / own - shift[i]
+            _, first, second = _cut(push / rest, 1.0 / rest)
+            known = precision[i]
             precision[i] = max(1.0 / second - rest, 0.0)
             shift[i] = first * (precision[i] + rest) - push
+            # a factor of one variable changes the inverse by a product (Sherman and Morrison, 1950)
+            more = precision[i] - known
+            spread = spread - more / (1.0 + more * own) * np.outer(spread[:, i], spread[i])
         if np.abs(precision - before).max() <= _SETTLED * max(1.0, precision.max()):
             break
     return _mass(centre, prior, precision, shift)

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.problem import Model
 
 __all__ = ["SURE", "Weighed", "weighed"]
@@ -34,26 +35,26 @@ class Weighed:
     ----------
     models : dict of Model to float
         Most probable first.
-    groups : dict of id to float
+    groups : dict of Owned to float
         Share of the models that hold the group, in any form.
     """
 
     models: dict[Model, float]
-    groups: dict[str, float]
+    groups: dict[Owned, float]
 
     @property
     def best(self) -> Model:
         """The most probable model."""
         return next(iter(self.models))
 
-    def rivals(self, name: str) -> tuple[str, ...]:
+    def rivals(self, name: Owned) -> tuple[Owned, ...]:
         """Groups that stand in for one of the best model's that is not sure.
 
         The fewest, most probable first, of which models without the group hold one, that with it
         make a sure set; none where no such set is sure.
         """
         reached = self.groups[name]
-        found: list[str] = []
+        found: list[Owned] = []
         rest = {model: p for model, p in self.models.items() if name not in dict(model)}
         left = sum(rest.values())
         rest = {model: p * (1.0 - reached) / left for model, p in rest.items()} if left else rest
@@ -69,7 +70,7 @@ class Weighed:
         return tuple(found)
 
 
-def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) -> Weighed:
+def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[Owned]) -> Weighed:
     """Probabilities of models by their scores, -2 ln Z.
 
     Parameters
@@ -78,7 +79,7 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) 
         Fitted, or forecast where they were not.
     temper : float
         1 or more.
-    names : iterable of str
+    names : iterable of Owned
         Groups that were candidates; those in no model have probability 0.
     """
     order = sorted(scores, key=lambda model: scores[model])
@@ -88,25 +89,25 @@ def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[str]) 
     return Weighed(models, {name: _paired(models, order[0], name) for name in sorted(found)})
 
 
-def _paired(models: Mapping[Model, float], best: Model, name: str) -> float:
+def _paired(models: Mapping[Model, float], best: Model, name: Owned) -> float:
     """Share of a group among models that were visited with and without it."""
-    holding, without = 0.0, set[Model]()
+    holding, without = 0.0, dict[Model, None]()  # in order: sums are to the same bits
     for model, share in models.items():
         smaller = frozenset(part for part in model if part[0] != name)
         if smaller != model and smaller in models:
             holding += share
-            without.add(smaller)
+            without[smaller] = None
     if name in dict(best):
         lacking = sum(share for model, share in models.items() if name not in dict(model))
     else:
-        lacking = sum(models[model] for model in {*without, best})
+        lacking = sum(models[model] for model in {**without, best: None})
     # without some groups nothing balances
     return holding / (holding + lacking) if holding + lacking else 1.0
 
 
-def _shares(models: Mapping[Model, float]) -> dict[str, float]:
+def _shares(models: Mapping[Model, float]) -> dict[Owned, float]:
     """Sum of probabilities over the models that hold each group."""
-    out: dict[str, float] = {}
+    out: dict[Owned, float] = {}
     for model, share in models.items():
         for name, _ in sorted(model):
             out[name] = min(out.get(name, 0.0) + share, 1.0)

@@ -9,16 +9,18 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Owned
+
 __all__ = ["Columns", "Group", "Layout", "Linearised", "Model", "Problem", "freeze"]
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.intp]
 
 #: Groups that are free, each in one of its forms: pairs of id and form.
-Model = frozenset[tuple[str, int]]
+Model = frozenset[tuple[Owned, int]]
 
 
-def freeze(forms: Mapping[str, int]) -> Model:
+def freeze(forms: Mapping[Owned, int]) -> Model:
     """A model from each group's form."""
     return frozenset(forms.items())
 
@@ -29,7 +31,8 @@ class Group:
 
     Attributes
     ----------
-    id : str
+    id : Owned
+        Whose: an effect, and of which specimen.
     place : str
         Of the five places; "" for what every model has.
     null : (k,) array
@@ -44,7 +47,7 @@ class Group:
         In every model, as the moduli are.
     """
 
-    id: str
+    id: Owned
     place: str
     null: Floats
     width: Floats
@@ -164,11 +167,11 @@ class Layout:
     null, width, lower : (n,) array
     """
 
-    groups: dict[str, Group]
+    groups: dict[Owned, Group]
     null: Floats = field(init=False)
     width: Floats = field(init=False)
     lower: Floats = field(init=False)
-    _first: dict[str, int] = field(init=False)
+    _first: dict[Owned, int] = field(init=False)
 
     def __post_init__(self) -> None:
         count, first = 0, {}
@@ -176,9 +179,9 @@ class Layout:
             first[name] = count
             count += len(group.null)
         object.__setattr__(self, "_first", first)
-        for name in ("null", "width", "lower"):
-            parts = [getattr(group, name) for group in self.groups.values()]
-            object.__setattr__(self, name, np.concatenate(parts).astype(np.float64))
+        for of in ("null", "width", "lower"):
+            parts = [getattr(group, of) for group in self.groups.values()]
+            object.__setattr__(self, of, np.concatenate(parts).astype(np.float64))
 
     @classmethod
     def of(cls, groups: Iterable[Group]) -> Layout:
@@ -198,7 +201,7 @@ class Layout:
         ]
         return np.array(sorted(out), dtype=np.intp)
 
-    def whole(self, names: Iterable[str] | None = None) -> Model:
+    def whole(self, names: Iterable[Owned] | None = None) -> Model:
         """Groups in their largest form; all that are not in every model, unless named."""
         chosen = [g for g in self.groups.values() if not g.always]
         if names is not None:
@@ -206,6 +209,6 @@ class Layout:
             chosen = [g for g in chosen if g.id in wanted]
         return freeze({g.id: len(g.shapes) - 1 for g in chosen})
 
-    def part(self, name: str) -> slice:
+    def part(self, name: Owned) -> slice:
         """Where a group's coordinates stand."""
         return slice(self._first[name], self._first[name] + len(self.groups[name].null))

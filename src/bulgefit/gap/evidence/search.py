@@ -14,8 +14,10 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.parallel.journal import kept
@@ -46,7 +48,7 @@ class Search(Generic[Kind]):
     ----------
     problem : Problem
     layout : Layout
-    names : tuple of str
+    names : tuple of Owned
         Groups that may be freed.
     say : callable
         Told what is tried.
@@ -60,7 +62,7 @@ class Search(Generic[Kind]):
 
     problem: Kind
     layout: Layout
-    names: tuple[str, ...]
+    names: tuple[Owned, ...]
     say: Callable[[str], None] = lambda _: None
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
@@ -84,7 +86,7 @@ class Search(Generic[Kind]):
 
         None where nothing balances.
         """
-        self.say(" + ".join(sorted(name for name, _ in model)) or "the moduli alone")
+        self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
         try:
             found = kept(
                 lambda: descend(
@@ -162,7 +164,7 @@ class Search(Generic[Kind]):
             By which differences of the evidence are divided (`weighed`).
         """
         best = self.best
-        around = self.around(best)
+        forecast = self._forecasts(self.around(best), best.model)
         reach = best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
         known = {model: fit.score for model, fit in self.fits.items()}
 
@@ -171,7 +173,7 @@ class Search(Generic[Kind]):
             gone.update(new)
             for m in new:
                 if m not in known:
-                    known[m] = max(self._forecast(around, m), best.score)
+                    known[m] = max(forecast(m), best.score)
             return [m for m in new if known[m] < reach]
 
         gone = {best.model}
@@ -187,12 +189,12 @@ class Search(Generic[Kind]):
     def _thinned(self, fit: Fit, around: Linearised) -> Fit | None:
         """With all that the forecast can do without taken out; with less if that was wrong."""
         path = [fit.model]
-        score = self._forecast(around, fit.model)
         while True:
-            options = [(self._forecast(around, m), m) for m in self._smaller(path[-1])]
+            forecast = self._forecasts(around, path[-1])
+            score = forecast(path[-1])
+            options = [(forecast(m), m) for m in self._smaller(path[-1])]
             if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
                 break
-            score = best[0]
             path.append(best[1])
         reach = len(path) - 1
         while reach > 0:
@@ -207,14 +209,15 @@ class Search(Generic[Kind]):
 
         None, too, where so many `changes` of the forecast gain do not reach the best model.
         """
-        here = self._forecast(around, fit.model)
+        forecast_of = self._forecasts(around, fit.model)
+        here = forecast_of(fit.model)
         options = []
         for model in self._neighbours(fit.model):
             if (known := self.fits.get(model)) is not None:
                 if known.score < fit.score:
                     return known
                 continue
-            forecast = self._forecast(around, model)
+            forecast = forecast_of(model)
             if forecast < here:
                 options.append((forecast, model))
         tried = sorted(options, key=lambda o: o[0])[:TRIES]
@@ -238,9 +241,11 @@ class Search(Generic[Kind]):
         found = self.fit(model, ahead.x, around.near)
         return found if found is not None else self.fit(model, around.x, around.near)
 
-    def _forecast(self, around: Linearised, model: Model) -> float:
+    def _forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
+        """-2 ln Z of models near one, by the misfit near a fit."""
         columns = self.layout.columns(model)
-        return laplace(around, self.layout, columns, self.problem.inflation).score
+        found = Forecast.of(around, self.layout, columns, self.problem.inflation)
+        return lambda other: found.score(self.layout.columns(other))
 
     def _smaller(self, model: Model) -> Iterator[Model]:
         """One group less, or one in its next smaller form."""
@@ -279,7 +284,7 @@ class Ways(Generic[Kind]):
         Coordinates from which something balances.
     near : object
         What a neighbouring point is sooner found from, or None.
-    fields : tuple of str
+    fields : tuple of Owned
         Groups that are freed by some ways alone.
     origin : (n,) array, optional
         Where nothing but what every model has departs from its null; default: `start`.
@@ -288,7 +293,7 @@ class Ways(Generic[Kind]):
     search: Search[Kind]
     start: Floats
     near: object = None
-    fields: tuple[str, ...] = ()
+    fields: tuple[Owned, ...] = ()
     origin: Floats | None = None
 
     @property

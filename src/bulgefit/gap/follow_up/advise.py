@@ -15,7 +15,7 @@ from bulgefit.effects.parameter import Key
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
-from bulgefit.gap.evidence.coordinates import effect_of, is_field
+from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.keys import parameter_of, specimen_values
 from bulgefit.gap.specimen import Specimen
@@ -90,13 +90,13 @@ def _leading(found: Explanation) -> tuple[str, str] | None:
     causes = {g: e for g, e in found.evidence.items() if not is_field(g)}
     for group, evidence in causes.items():
         if evidence.rivals and not is_field(evidence.rivals[0]):
-            return effect_of(group), effect_of(evidence.rivals[0])
-    others = {effect_of(g): p for g, p in found.others.items() if not is_field(g)}
+            return group.effect, evidence.rivals[0].effect
+    others = {g.effect: p for g, p in found.others.items() if not is_field(g)}
     if not causes or not others:
         return None
     doubted = min(causes, key=lambda g: causes[g].probability)
-    rest = {e: p for e, p in others.items() if e != effect_of(doubted)}
-    return (effect_of(doubted), max(rest, key=lambda e: rest[e])) if rest else None
+    rest = {e: p for e, p in others.items() if e != doubted.effect}
+    return (doubted.effect, max(rest, key=lambda e: rest[e])) if rest else None
 
 
 def _first_group(effect: str) -> tuple[Key, ...]:

@@ -1,0 +1,148 @@
+"""What evidence would models have that differ from one in a few groups? By blocks of its inverse.
+
+With the misfit linear near a point, each model's evidence is a matter of normal equations alone
+(`laplace`), but with hundreds of coordinates and thousands of models each factorisation counts.
+What goes is held at its null, where the Gaussian of what stays is the conditional one; what comes
+is found beside what stays. Both take matrices of the size of what changes (Schur complements;
+Boyd and Vandenberghe, 2004, "Convex optimization", section A.5.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr
+
+from bulgefit.gap.evidence.laplace import quadratic
+from bulgefit.gap.evidence.orthant import log_share_above
+from bulgefit.gap.evidence.problem import Columns, Layout, Linearised
+
+__all__ = ["Forecast"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The evidence of models near one, by the misfit near a point.
+
+    Attributes
+    ----------
+    layout : Layout
+    inside, outside : (p,), (q,) int array
+        Coordinates of the model, and the others that have derivatives.
+    value : float
+        -2 ln(likelihood × prior) at the model's optimum, and its Gaussian's ln det A.
+    mean : (p,) array
+        The optimum, whatever bounds there are.
+    covariance : (p, p) array
+        C = A⁻¹.
+    carried : (p, q) array
+        C B, B being the matrix between inside and outside.
+    slope : (q,) array
+        Of what is outside, at the optimum and the nulls.
+    stiff : (q, q) array
+        D - Bᵀ C B, D being the matrix of what is outside.
+    """
+
+    layout: Layout
+    inside: Columns
+    outside: Columns
+    value: float
+    mean: Floats
+    covariance: Floats
+    carried: Floats
+    slope: Floats
+    stiff: Floats
+
+    @classmethod
+    def of(cls, here: Linearised, layout: Layout, columns: Columns, inflation: float) -> Forecast:
+        """About the model that frees `columns`."""
+        own = np.searchsorted(here.columns, columns)
+        rest = np.setdiff1d(np.arange(len(here.columns)), own)
+        value, slope, matrix = quadratic(
+            _at_nulls(here, layout, rest), layout, here.columns, inflation
+        )
+        inner, between = matrix[np.ix_(own, own)], matrix[np.ix_(own, rest)]
+        scale = 1.0 / np.sqrt(np.diag(inner))
+        factor = cho_factor(inner * np.outer(scale, scale), lower=True)
+        covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(columns)))
+        carried, step = covariance @ between, covariance @ slope[own]
+        log_det = 2.0 * (np.log(np.diag(factor[0])).sum() - np.log(scale).sum())
+        return cls(
+            layout,
+            columns,
+            here.columns[rest],
+            float(value - slope[own] @ step + log_det),
+            here.x[columns] + step,
+            covariance,
+            carried,
+            slope[rest] - between.T @ step,
+            matrix[np.ix_(rest, rest)] - between.T @ carried,
+        )
+
+    def score(self, columns: Columns) -> float:
+        """-2 ln Z of the model that frees other columns."""
+        gone = np.flatnonzero(~np.isin(self.inside, columns, assume_unique=True))
+        come = np.flatnonzero(np.isin(self.outside, columns, assume_unique=True))
+        back = self.layout.null[self.inside[gone]] - self.mean[gone]
+        block = self.covariance[np.ix_(gone, gone)]
+        inverse: Floats = np.asarray(np.linalg.inv(block), dtype=np.float64)
+        pull = inverse @ back
+        score = self.value + float(back @ pull + np.linalg.slogdet(block)[1])
+        across = self.carried[np.ix_(gone, come)]
+        slope = self.slope[come] - across.T @ pull
+        stiff = self.stiff[np.ix_(come, come)] + across.T @ inverse @ across
+        step: Floats = np.asarray(np.linalg.solve(stiff, slope), dtype=np.float64)
+        score += float(np.linalg.slogdet(stiff)[1] - slope @ step)
+        score += 2.0 * float(np.log(self.layout.width[columns]).sum())
+        return score + self._of_bounds(gone, come, inverse, pull, stiff, step)
+
+    def _of_bounds(
+        self,
+        gone: NDArray[np.intp],
+        come: NDArray[np.intp],
+        inverse: Floats,
+        pull: Floats,
+        stiff: Floats,
+        step: Floats,
+    ) -> float:
+        """What lower bounds leave of prior and posterior: of coordinates that have any."""
+        stay = np.isfinite(self.layout.lower[self.inside])
+        stay[gone] = False
+        kept = np.flatnonzero(stay)
+        new = np.flatnonzero(np.isfinite(self.layout.lower[self.outside[come]]))
+        bound = np.concatenate([self.inside[kept], self.outside[come[new]]])
+        if not len(bound):
+            return 0.0
+        to_gone = self.covariance[np.ix_(kept, gone)]
+        along = self.carried[np.ix_(kept, come)]
+        along = along - to_gone @ inverse @ self.carried[np.ix_(gone, come)]
+        mean = np.concatenate(
+            [
+                self.mean[kept] + to_gone @ pull - along @ step,
+                self.layout.null[self.outside[come[new]]] + step[new],
+            ]
+        )
+        own = np.linalg.inv(stiff)
+        inner = self.covariance[np.ix_(kept, kept)] - to_gone @ inverse @ to_gone.T
+        across = -along @ own[:, new]
+        covariance = np.block(
+            [[inner + along @ own @ along.T, across], [across.T, own[np.ix_(new, new)]]]
+        )
+        lower, width = self.layout.lower[bound], self.layout.width[bound]
+        prior = float(log_ndtr((self.layout.null[bound] - lower) / width).sum())
+        return 2.0 * (prior - log_share_above(mean, covariance, lower))
+
+
+def _at_nulls(here: Linearised, layout: Layout, rest: NDArray[np.intp]) -> Linearised:
+    """The same where some of its coordinates are at their nulls."""
+    x, change = np.array(here.x), np.zeros(len(here.columns))
+    change[rest] = layout.null[here.columns[rest]] - x[here.columns[rest]]
+    x[here.columns[rest]] = layout.null[here.columns[rest]]
+    turned = here.hessian @ change
+    square = here.square + change @ (turned - 2.0 * here.gradient)
+    return replace(here, x=x, square=float(square), gradient=here.gradient - turned)
