@@ -74,6 +74,19 @@ def test_a_soft_spot_is_where_its_bump_is():
     assert 0.0 < found.rms < 0.2
 
 
+def test_a_soft_spot_is_told_against_the_cloth_about_it():
+    """Cloth that is stiffer all over is stiffer cloth: equal bumps sum to 2πw²/s² of one."""
+    field = fields()["stiffness_field"]
+    assert field.level(own(field)) == 1.0
+    k = int(np.argmin(np.hypot(*(CENTRES - [0.44, -0.22]).T)))
+    height = 0.05 / (2.0 * np.pi * (0.11 / 0.14) ** 2)
+    values = {name: height for name in NAMES} | {f"b{k}": height - 0.6}
+    assert field.level(own(field, **values)) == pytest.approx(np.exp(0.05), rel=2e-3)
+    size, _ = field.sampled(own(field, **values), 100.0, np.array([0.1])).largest
+    assert size == pytest.approx(np.expm1(-0.6), abs=0.01)
+    assert fields()["rim_field"].level({}) == 1.0
+
+
 @pytest.mark.parametrize("place", [(0.15, -0.53), (-0.31, 0.22), (0.0, 0.07)])
 def test_a_narrow_soft_spot_is_followed(place: tuple[float, float]):
     """Of 42 % and 0.13 of the radius, between the bumps as on them: within 5 % of its height."""

@@ -58,13 +58,13 @@ def cells_dict(cells: Sequence[Cell], most: int) -> list[dict[str, Any]]:
     return [c.to_dict() for c in cells if abs(c.significance) > _TOLD][:most]
 
 
-def moduli_dict(fit: Regression) -> dict[str, dict[str, Any]]:
-    """Of the cloth, where there are several specimens."""
+def moduli_dict(fit: Regression, level: float = 1.0) -> dict[str, dict[str, Any]]:
+    """Of the cloth, where there are several specimens; times the level of a single one's fields."""
     values, errors = of_the_cloth(fit.values), modulus_errors(fit)
     return {
         m.name: {
-            "value": float(values[m]),
-            "stderr": float(errors[m]),
+            "value": level * float(values[m]),
+            "stderr": level * float(errors[m]),
             "unit": "MPa",
             "held": fit.held and m == SHEAR,
         }

@@ -160,7 +160,7 @@ def diagnose(
         modes=azimuthal_modes(data, baseline),
         pairs=pairs,
         advice=advice,
-        law=law_table(data, found.final),
+        law=law_table(data, found.final).times(found.level),
         scatter=scatter_of(found.final),
         implied=implied_references(data, found.final),
         skipped=skipped,

@@ -95,7 +95,7 @@ class Diagnosis(Drawn):
         cause. Needs `bulgefit[pandas]`.
         """
         rows = {name: {**found, "probability": None} for name, found in
-                moduli_dict(self.explanation.final).items()}  # fmt: skip
+                moduli_dict(self.explanation.final, self.explanation.level).items()}  # fmt: skip
         for cause in self.causes:
             for name, found in cause.parameters.items():
                 rows[f"{cause.effect}.{name}"] = {**found, "probability": cause.probability}
@@ -116,7 +116,7 @@ class Diagnosis(Drawn):
             "parameters": {
                 "baseline": moduli_dict(self.explanation.baseline),
                 "corrected": {
-                    **moduli_dict(self.explanation.final),
+                    **moduli_dict(self.explanation.final, self.explanation.level),
                     **({"secant": self.law.secants()} if self.law.bent else {}),
                 },
             },

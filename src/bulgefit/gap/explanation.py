@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key, Owned
+from bulgefit.effects.registry import fields
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.structure import Structure
@@ -107,6 +108,16 @@ class Explanation:
     start: Structure
     remainder: Structure
     temper: float
+
+    @property
+    def level(self) -> float:
+        """What a test's own fields multiply the moduli by in most places; 1 for several tests."""
+        found = 1.0
+        for group in (f.group for f in self.fields if f.group.specimen is None):
+            own = {key.parameter: self.final.values[key] for key in self.groups[group]
+                   if key in self.final.values}  # fmt: skip
+            found *= fields()[group.effect].level(own)
+        return found
 
     @property
     def complete(self) -> bool:

@@ -8,7 +8,7 @@ freed, so they hold what shape, slack and motions leave open.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,10 @@ class LawTable:
     reached: Floats
     thickness: float
     bent: bool
+
+    def times(self, level: float) -> LawTable:
+        """Of a cloth that is so much stiffer."""
+        return replace(self, resultant=level * self.resultant, stderr=level * self.stderr)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types."""

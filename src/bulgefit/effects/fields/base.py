@@ -70,3 +70,7 @@ class Field(Effect):
         pressure : (frames,) array, MPa
         """
         raise NotImplementedError
+
+    def level(self, own: Own) -> float:
+        """What it multiplies the cloth's moduli by in most places: told with them, not with it."""
+        return 1.0

@@ -61,13 +61,26 @@ class StiffnessField(Field):
         return replace(cloth, thickness=cloth.thickened(np.exp(_bumps(cloth.points) @ heights)))
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
-        """Over the disc."""
-        line = np.linspace(-0.95, 0.95, _LOOK)
-        grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-        grid = grid[np.hypot(*grid.T) <= 0.95]
-        heights = np.array([own[name] for name in _NAMES])
-        x, y = radius * grid.T
-        return Sampled(np.expm1(_bumps(grid) @ heights), {"x_mm": x, "y_mm": y})
+        """Over the disc, against its level."""
+        x, y = radius * _grid().T
+        found = _logarithm(own)
+        return Sampled(np.expm1(found - np.median(found)), {"x_mm": x, "y_mm": y})
+
+    def level(self, own: Own) -> float:
+        """Its median: a spot is told against the cloth about it, whose moduli are the cloth's."""
+        return float(np.exp(np.median(_logarithm(own))))
+
+
+@lru_cache(maxsize=1)
+def _grid() -> Floats:
+    """Points (n, 2) of the unit disc at which the field is looked at."""
+    line = np.linspace(-0.95, 0.95, _LOOK)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    return np.asarray(grid[np.hypot(*grid.T) <= 0.95])
+
+
+def _logarithm(own: Own) -> Floats:
+    return np.asarray(_bumps(_grid()) @ np.array([own[name] for name in _NAMES]))
 
 
 def _bumps(points: Floats) -> Floats:
