@@ -80,7 +80,7 @@ def test_a_soft_spot_is_told_against_the_cloth_about_it():
     assert field.level(own(field)) == 1.0
     k = int(np.argmin(np.hypot(*(CENTRES - [0.44, -0.22]).T)))
     height = 0.05 / (2.0 * np.pi * (0.11 / 0.14) ** 2)
-    values = {name: height for name in NAMES} | {f"b{k}": height - 0.6}
+    values = dict.fromkeys(NAMES, height) | {f"b{k}": height - 0.6}
     assert field.level(own(field, **values)) == pytest.approx(np.exp(0.05), rel=2e-3)
     size, _ = field.sampled(own(field, **values), 100.0, np.array([0.1])).largest
     assert size == pytest.approx(np.expm1(-0.6), abs=0.01)
