@@ -311,7 +311,7 @@ class _Trial:
 
         Where the largest model leaves more than noise, that is more than any group can take away:
         it stands in every model's residual, along the directions that groups have. Beside it as
-        noise (`temper`) groups are judged by what they take off beyond that.
+        noise (`loudest`) groups are judged by what they take off beyond that.
         """
         best, search = self.search.best, self.search
         if not self.is_content:

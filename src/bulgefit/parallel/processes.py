@@ -11,15 +11,14 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures import wait as settled
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
-from multiprocessing.connection import wait as ready
 from typing import Any
 
 from bulgefit.parallel.parcels import drop_files
 
 __all__ = ["Processes"]
 
-#: Seconds between the beats of a process, and within which it ends when the leash is closed.
-BEAT, GRACE = 1.0, 3.0
+#: Seconds between the beats of a process.
+BEAT = 1.0
 #: Calls of `end_stalled` without a beat after which a process is given up. `spread` calls it every
 #: three seconds without a result: a minute, sixty beats, of which a machine under load sends some.
 UNHEARD = 20
@@ -80,10 +79,10 @@ class Processes(Executor):
         """End the processes at once, in the midst of whatever they do."""
         self._leash.close()
         self._hear()
+        # one that stands still does not see the leash go; a wait for the others would be one for
+        # the pool to find them gone, and to complain of futures that were cancelled
         for child in self._children():
-            # one that stands still does not see the leash go
-            if not ready([child.sentinel], GRACE):
-                child.kill()
+            child.kill()
 
     def renew(self) -> None:
         """Replace the processes."""
