@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr
 
-from bulgefit.gap.evidence.laplace import quadratic
+from bulgefit.gap.evidence.laplace import inverted, quadratic
 from bulgefit.gap.evidence.orthant import log_share_above
 from bulgefit.gap.evidence.problem import Columns, Layout, Linearised
 
@@ -67,11 +66,8 @@ class Forecast:
             _at_nulls(here, layout, rest), layout, here.columns, inflation
         )
         inner, between = matrix[np.ix_(own, own)], matrix[np.ix_(own, rest)]
-        scale = 1.0 / np.sqrt(np.diag(inner))
-        factor = cho_factor(inner * np.outer(scale, scale), lower=True)
-        covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(columns)))
+        covariance, log_det = inverted(inner)
         carried, step = covariance @ between, covariance @ slope[own]
-        log_det = 2.0 * (np.log(np.diag(factor[0])).sum() - np.log(scale).sum())
         return cls(
             layout,
             columns,

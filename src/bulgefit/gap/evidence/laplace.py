@@ -22,7 +22,7 @@ from scipy.special import log_ndtr
 from bulgefit.gap.evidence.orthant import log_share_above
 from bulgefit.gap.evidence.problem import Columns, Layout, Linearised
 
-__all__ = ["Laplace", "bounded_optimum", "laplace", "quadratic"]
+__all__ = ["Laplace", "bounded_optimum", "inverted", "laplace", "quadratic"]
 
 Floats = NDArray[np.float64]
 
@@ -74,11 +74,8 @@ def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float
     """Evidence of the model that frees `columns`, by the misfit near `here`."""
     value, slope, matrix = quadratic(here, layout, columns, inflation)
     width, lower = layout.width[columns], layout.lower[columns]
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor = cho_factor(matrix * np.outer(scale, scale), lower=True)
-    covariance = np.outer(scale, scale) * cho_solve(factor, np.eye(len(columns)))
+    covariance, log_det = inverted(matrix)
     step = covariance @ slope
-    log_det = 2.0 * (np.log(np.diag(factor[0])).sum() - np.log(scale).sum())
     score = value - slope @ step + log_det + 2.0 * np.log(width).sum()
     bound = np.flatnonzero(np.isfinite(lower))
     mean = here.x[columns] + step
@@ -89,6 +86,15 @@ def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float
     x = np.array(layout.null)
     x[columns] = here.x[columns] + bounded_optimum(slope, matrix, lower - here.x[columns])
     return Laplace(float(score), float(slope @ step), x, covariance)
+
+
+def inverted(matrix: Floats) -> tuple[Floats, float]:
+    """The inverse of a positive definite matrix whose units differ by decades, and its ln det."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    units = np.outer(scale, scale)
+    factor = cho_factor(matrix * units, lower=True)
+    log_det = 2.0 * (np.log(np.diag(factor[0])).sum() - np.log(scale).sum())
+    return units * cho_solve(factor, np.eye(len(matrix))), float(log_det)
 
 
 def bounded_optimum(slope: Floats, matrix: Floats, lower: Floats) -> Floats:
