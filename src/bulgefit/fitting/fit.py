@@ -130,7 +130,7 @@ def _result(
     value = objective.value(shapes)
     return FitResult(
         material=problem.material(z),
-        effects=problem.effects(z),
+        effects={str(key): value for key, value in problem.effects(z).items()},
         free=problem.free,
         objective=objective.name,
         value=value,

@@ -268,9 +268,9 @@ def _about_errors(
             yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
     # an effect that is not seen may be absent
     lost = [
-        p.name
-        for p, at in zip(problem.free, bounded, strict=True)
-        if not at and "." not in p.name and "cannot" in words[p.name]
+        str(key)
+        for key, at in zip(problem.keys, bounded, strict=True)
+        if not at and not key.effect and "cannot" in words[str(key)]
     ]
     if lost:
         yield Doubt.UNDETERMINED.of(names=" and ".join(lost))
