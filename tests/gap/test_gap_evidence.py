@@ -127,6 +127,31 @@ def test_a_forecast_from_all_is_the_smaller_models_own_evidence(random_linear, m
     np.testing.assert_array_equal(found.x[left], layout.null[left])
 
 
+def turned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A slope, and a wave by its size and its turn, which means nothing without a size."""
+    t = np.linspace(0.0, 6.0, 30)
+    value = x[0] * t + x[1] * np.sin(t + x[2])
+    return value, np.stack([t, np.sin(t + x[2]), x[1] * np.cos(t + x[2])], axis=1)
+
+
+def test_what_means_nothing_without_another_is_no_loss_where_that_goes():
+    """The forecast of a model without the wave is that model's evidence, whatever its turn was."""
+    measured = turned(np.array([0.3, 0.8, 2.6]))[0] + np.random.default_rng(8).normal(size=30)
+    groups = [group("a", [1.0], always=True), group("wave", [1.0, 3.0], governor=(0, 0))]
+    problem = Known(groups, measured, turned)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.array([0.3, 0.8, 2.6]))
+    assert fit.converged
+    assert abs(fit.x[2]) > 2.0
+    alone = descend(problem, layout, freeze({}), layout.null)
+    around = problem.linearise(fit.x, layout.columns(layout.whole()))
+    columns = layout.columns(freeze({}))
+    by_all = laplace(around, layout, columns, problem.inflation)
+    assert by_all.score == pytest.approx(alone.score, rel=1e-9)
+    blocks = Forecast.of(around, layout, layout.columns(layout.whole()), problem.inflation)
+    assert blocks.score(columns) == pytest.approx(alone.score, rel=1e-9)
+
+
 @pytest.mark.parametrize("base", [{}, {"a": 0, "c": 1}, {"a": 0, "b": 1, "c": 1, "d": 0}])
 def test_a_forecast_by_blocks_is_that_by_the_whole_matrix(base):
     """Groups go, come and are swapped, bounded ones and forms among them."""

@@ -116,6 +116,9 @@ class Parameter:
         a length that acts through its square in that.
     origin : float or None
         Where it would take a stiffness that it multiplies to nothing; None: it multiplies none.
+    governor : str or None
+        Another of the effect's parameters, where which is at its null this one means nothing: a
+        lift's amplitude governs its direction.
     """
 
     name: str
@@ -129,6 +132,7 @@ class Parameter:
     start: float | None = None
     coordinate: Literal["linear", "log", "square"] = "linear"
     origin: float | None = None
+    governor: str | None = None
 
     @property
     def begins_at_null(self) -> bool:

@@ -35,6 +35,8 @@ class Forecast:
         Coordinates of the model, and the others that have derivatives.
     value : float
         -2 ln(likelihood × prior) at the model's optimum, and its Gaussian's ln det A.
+    x : (n,) array
+        Where the misfit was made linear.
     mean : (p,) array
         The optimum, whatever bounds there are.
     covariance : (p, p) array
@@ -51,6 +53,7 @@ class Forecast:
     inside: Columns
     outside: Columns
     value: float
+    x: Floats
     mean: Floats
     covariance: Floats
     carried: Floats
@@ -73,6 +76,7 @@ class Forecast:
             columns,
             here.columns[rest],
             float(value - slope[own] @ step + log_det),
+            here.x,
             here.x[columns] + step,
             covariance,
             carried,
@@ -84,11 +88,15 @@ class Forecast:
         """-2 ln Z of the model that frees other columns."""
         gone = np.flatnonzero(~np.isin(self.inside, columns, assume_unique=True))
         come = np.flatnonzero(np.isin(self.outside, columns, assume_unique=True))
-        back = self.layout.null[self.inside[gone]] - self.mean[gone]
+        lacked = self.inside[gone]
+        at = self.layout.without(lacked, columns, self.x)
+        back = at - self.mean[gone]
         block = self.covariance[np.ix_(gone, gone)]
         inverse: Floats = np.asarray(np.linalg.inv(block), dtype=np.float64)
         pull = inverse @ back
         score = self.value + float(back @ pull + np.linalg.slogdet(block)[1])
+        # of what means nothing nothing is believed
+        score -= float((((at - self.layout.null[lacked]) / self.layout.width[lacked]) ** 2).sum())
         across = self.carried[np.ix_(gone, come)]
         slope = self.slope[come] - across.T @ pull
         stiff = self.stiff[np.ix_(come, come)] + across.T @ inverse @ across

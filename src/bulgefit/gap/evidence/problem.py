@@ -45,6 +45,9 @@ class Group:
         Coordinates of each form that the group may take, the largest last. Default: all of them.
     always : bool
         In every model, as the moduli are.
+    governor : tuple of int
+        Of each coordinate the one of the group at whose null it means nothing, itself where there
+        is none. Default: none has any.
     """
 
     id: Owned
@@ -54,6 +57,7 @@ class Group:
     lower: Floats
     forms: tuple[tuple[int, ...], ...] = ()
     always: bool = False
+    governor: tuple[int, ...] = ()
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -165,23 +169,28 @@ class Layout:
     ----------
     groups : dict of id to Group
     null, width, lower : (n,) array
+    governor : (n,) int array
+        As a group's, among all coordinates.
     """
 
     groups: dict[Owned, Group]
     null: Floats = field(init=False)
     width: Floats = field(init=False)
     lower: Floats = field(init=False)
+    governor: Columns = field(init=False)
     _first: dict[Owned, int] = field(init=False)
 
     def __post_init__(self) -> None:
-        count, first = 0, {}
+        count, first, governors = 0, {}, list[Columns]()
         for name, group in self.groups.items():
             first[name] = count
+            governors.append(count + np.array(group.governor or range(len(group.null)), np.intp))
             count += len(group.null)
         object.__setattr__(self, "_first", first)
         for of in ("null", "width", "lower"):
             parts = [getattr(group, of) for group in self.groups.values()]
             object.__setattr__(self, of, np.concatenate(parts).astype(np.float64))
+        object.__setattr__(self, "governor", np.concatenate(governors))
 
     @classmethod
     def of(cls, groups: Iterable[Group]) -> Layout:
@@ -200,6 +209,19 @@ class Layout:
             for index in self.groups[name].shapes[form]
         ]
         return np.array(sorted(out), dtype=np.intp)
+
+    def without(self, gone: Columns, kept: Columns, x: Floats) -> Floats:
+        """Where coordinates are that a model lacks: at their null, or where they mean nothing.
+
+        What is governed by one that is gone is of no effect there, but its derivative at x is not.
+
+        Parameters
+        ----------
+        gone, kept : int array
+        x : (n,) array
+        """
+        idle = ~np.isin(self.governor[gone], kept) & (self.governor[gone] != gone)
+        return np.where(idle, x[gone], self.null[gone])
 
     def whole(self, names: Iterable[Owned] | None = None) -> Model:
         """Groups in their largest form; all that are not in every model, unless named."""
