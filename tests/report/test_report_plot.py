@@ -12,6 +12,8 @@ import bulgefit
 from bulgefit.errors import InputError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.shown import Drawn
+from bulgefit.trial.answer import TrialAnswer
+from bulgefit.trial.score import score
 
 MODULI = {"E1": 330.0, "E2": 230.0, "G12": 40.0}
 OBJECTIVES = {"e": 0.1, "e_w": 0.03, "e_z": None}
@@ -49,6 +51,7 @@ KINDS = {
     "folds": ("folds",),
     "predicted": ("profiles", "residuals"),
     "measured": ("apex", "rings", "fields"),
+    "trial_answer": ("shares", "sizes", "reliability"),
     "found": ("budget", "cosines", "where", "modes", "signatures", "dx", "dy", "dz"),
 }
 
@@ -110,13 +113,37 @@ def test_what_is_of_a_test(found):
         found.plot("dz", test=1)
 
 
+def test_a_trial_draws_its_shares(trial_answer):
+    """One of two found: the interval is Wilson's (1927), by his formula."""
+    (panel,) = trial_answer.plot("shares").axes
+    words = [label.get_text() for label in panel.get_yticklabels()]
+    assert words[0] == "effects named, or in a set of at most two"
+    assert [text.get_text() for text in panel.texts][:1] == ["1 of 2"]
+    z, n = 1.959963984540054, 2
+    half = z / (1 + z**2 / n) * np.sqrt(0.25 / n + z**2 / (4 * n**2))
+    interval, dot = panel.lines[:2]
+    np.testing.assert_allclose(interval.get_xdata(), [50 - 100 * half, 50 + 100 * half])
+    assert dot.get_xdata().tolist() == [50.0]
+    # what was stated with 99.9 % is true
+    (panel,) = trial_answer.plot("reliability").axes
+    assert (panel.lines[-1].get_xdata(), panel.lines[-1].get_ydata()) == ([99.9], [100.0])
+    (panel,) = trial_answer.plot("sizes").axes
+    noise = np.sqrt(2 * 0.006**2 + 0.013**2)
+    assert 3.0 < 0.05 / noise < 10.0
+    assert panel.get_yticklabels()[0].get_text() == "3 to 10 times the noise"
+    nothing = TrialAnswer({**trial_answer, "scores": score([])})
+    for kind in ("shares", "sizes", "reliability"):
+        with pytest.raises(InputError, match=f"nothing to draw for '{kind}'"):
+            nothing.plot(kind)
+
+
 @pytest.mark.parametrize("thing", [None, 3, {"E1": 1}, "fit"])
 def test_what_has_no_figure(thing):
     with pytest.raises(InputError, match="is no result that has figures"):
         bulgefit.plot(thing)
 
 
-def test_tables(folds, predicted, plate, found):
+def test_tables(folds, predicted, plate, found, trial_answer):
     pytest.importorskip("pandas")
     table = folds.to_dataframe()
     assert table.E1.tolist() == [300.0, 301.0, 302.0]
@@ -131,13 +158,17 @@ def test_tables(folds, predicted, plate, found):
     assert causes.loc["rigid_motion.shift_x", "probability"] == cause.probability
     shift = cause.parameters["shift_x"]
     assert causes.loc["rigid_motion.shift_x", "stderr"] == shift["stderr"]
+    told = trial_answer.to_dataframe()
+    assert told.index.tolist() == ["test_0.npz", "test_1.npz"]
+    assert told.right.tolist() == [True, False]
+    assert told.loc["test_0.npz", "causes"] == [["clamp_slip"]]
     evaluation = bulgefit.evaluate(plate, MODULI)
     assert evaluation.to_dataframe().loc["plate 1/a", "r_dz"] == evaluation["tests"][0]["dz"]
 
 
-def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate):
+def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate, trial_answer):
     batch = bulgefit.batch_of([fit_found])
-    for result in (folds, fit_found, batch, bulgefit.evaluate(plate, MODULI)):
+    for result in (folds, fit_found, batch, trial_answer, bulgefit.evaluate(plate, MODULI)):
         assert len(repr(result).splitlines()) < 30
         assert max(len(line) for line in repr(result).splitlines()) < 140
         assert result._repr_html_().startswith("<pre>")
@@ -146,7 +177,8 @@ def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate):
     assert f"{fit_found.material.values['E1']:.5g}" in repr(batch)
 
 
-def test_they_are_json_still(folds, plate):
-    assert json.loads(json.dumps(folds)) == folds == folds.to_dict()
+def test_they_are_json_still(folds, plate, trial_answer):
+    for result in (folds, trial_answer):
+        assert json.loads(json.dumps(result)) == result == result.to_dict()
     evaluation = bulgefit.evaluate(plate, MODULI)
     assert json.loads(json.dumps(evaluation)) == evaluation

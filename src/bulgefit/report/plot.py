@@ -24,6 +24,8 @@ from bulgefit.report.profiles import plot_profiles
 from bulgefit.report.record import record_of
 from bulgefit.report.residuals import plot_residuals
 from bulgefit.report.spreads import plot_spreads
+from bulgefit.report.trials import plot_reliability, plot_shares, plot_sizes
+from bulgefit.trial.answer import TrialAnswer
 
 __all__ = ["plot"]
 
@@ -55,6 +57,7 @@ def plot(result: Any, kind: str | None = None, **how: Any) -> Any:
     `measure`            `apex`, `rings`, beside a `model=` too; `fields` of `frame=` (the last)
     `diagnose`           `budget`, `cosines`; of `test=` (0): `where` (`after=True`), `modes`,
                          `signatures`, `dx`, `dy`, `dz`
+    `run_trial`          `shares`, `sizes`, `reliability`
     ===================  ==========================================================================
 
     Parameters
@@ -97,7 +100,7 @@ def _kinds_of(result: Any) -> _Kinds:
             return kinds(result)
     raise InputError(
         f"plot: {type(result).__name__} is no result that has figures; give that of fit, batch_of, "
-        "crossval, predict, measure or diagnose"
+        "crossval, predict, measure, diagnose or run_trial"
     )
 
 
@@ -158,4 +161,9 @@ _RESULTS: dict[type, Callable[[Any], _Kinds]] = {
     Predicted: _of_prediction,
     Measured: _of_measured,
     Diagnosis: _of_diagnosis,
+    TrialAnswer: lambda result: {
+        "shares": _Kind(partial(plot_shares, result)),
+        "sizes": _Kind(partial(plot_sizes, result)),
+        "reliability": _Kind(partial(plot_reliability, result)),
+    },
 }
