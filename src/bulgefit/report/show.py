@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.errors import InputError
-from bulgefit.files import atomic_write_bytes, check_output
+from bulgefit.files import as_path, atomic_write_bytes, check_output
 from bulgefit.report import _figure, _off_screen
 from bulgefit.report.cloud import RESIDUALS, Cloud, is_signed
 from bulgefit.report.films import check_film, write_film
@@ -77,7 +77,7 @@ def show(
         The machine has no OpenGL to draw with.
     """
     if path is not None:
-        if not os.fspath(path).lower().endswith(".png"):
+        if as_path(path).suffix.lower() != ".png":
             raise InputError(f"{path}: give a name that ends in .png")
         check_output(path, force)
     test = given_test(test)
