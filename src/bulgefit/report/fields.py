@@ -62,7 +62,7 @@ def plot_fields(
         for place, axis in enumerate("xy"):
             plotter.subplot(place + 1)
             _draw_from_above(plotter, surface.copy(), np.abs(displacement[:, place]), axis)
-        image = plotter.screenshot(return_img=True)
+        image = _off_screen.picture(plotter)
     atomic_write_bytes(path, _off_screen.png(image), force)
 
 

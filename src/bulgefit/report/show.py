@@ -176,7 +176,7 @@ def _draw(
             _off_screen.add_text(plotter, f"{cloud.test.name}, {pressure}", (0.03, 0.94))
             shown = title if unit == "1" else f"{title} ({unit})"
             _off_screen.add_text(plotter, shown, (0.03, 0.885))
-        return np.asarray(plotter.screenshot(return_img=True))
+        return _off_screen.picture(plotter)
 
 
 def _surface(cloud: Cloud, frame: int, name: str, *, modelled: bool) -> Any:
