@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bulgefit.effects.base import PLACES, Effect
+from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
 from bulgefit.effects.registry import catalogue, effect_named, fields, own_values, scatter
 from bulgefit.model.virtual_test import VirtualTest
@@ -163,6 +164,29 @@ def test_its_null_changes_nothing(effect: Effect, specimen: VirtualTest) -> None
     without = specimen.predict(MODULI).displacement
     at_null = specimen.predict({**MODULI, **nulls_of(effect, specimen)}).displacement
     np.testing.assert_allclose(at_null, without, rtol=0.0, atol=1e-12)
+
+
+GOVERNED = [(e, p) for e in EFFECTS for p in e.parameters if p.governor is not None]
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter"), GOVERNED, ids=lambda one: getattr(one, "name", "")
+)
+def test_what_is_governed_changes_nothing_without_its_governor(
+    effect: Effect, parameter: Parameter, specimen: VirtualTest
+) -> None:
+    """The others are as they would be with the effect there, and so is the governor of others."""
+    assert parameter.governor in {p.name for p in effect.parameters}
+    own = {
+        p.name: 0.5 * (p.lower + p.upper)
+        for p in effect.parameters
+        if parameter.governor not in (p.name, p.governor)
+    }
+    seen = []
+    for value in (parameter.lower, 0.3 * parameter.lower + 0.7 * parameter.upper):
+        values = {f"{effect.id}.{name}": at for name, at in {**own, parameter.name: value}.items()}
+        seen.append(specimen.predict({**MODULI, **values}).displacement)
+    np.testing.assert_allclose(seen[0], seen[1], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("effect", [*EFFECTS, *fields().values()], ids=lambda e: e.id)

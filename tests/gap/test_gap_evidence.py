@@ -127,6 +127,31 @@ def test_a_forecast_from_all_is_the_smaller_models_own_evidence(random_linear, m
     np.testing.assert_array_equal(found.x[left], layout.null[left])
 
 
+def turned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A slope, and a wave by its size and its turn, which means nothing without a size."""
+    t = np.linspace(0.0, 6.0, 30)
+    value = x[0] * t + x[1] * np.sin(t + x[2])
+    return value, np.stack([t, np.sin(t + x[2]), x[1] * np.cos(t + x[2])], axis=1)
+
+
+def test_what_means_nothing_without_another_is_no_loss_where_that_goes():
+    """The forecast of a model without the wave is that model's evidence, whatever its turn was."""
+    measured = turned(np.array([0.3, 0.8, 2.6]))[0] + np.random.default_rng(8).normal(size=30)
+    groups = [group("a", [1.0], always=True), group("wave", [1.0, 3.0], governor=(0, 0))]
+    problem = Known(groups, measured, turned)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.array([0.3, 0.8, 2.6]))
+    assert fit.converged
+    assert abs(fit.x[2]) > 2.0
+    alone = descend(problem, layout, freeze({}), layout.null)
+    around = problem.linearise(fit.x, layout.columns(layout.whole()))
+    columns = layout.columns(freeze({}))
+    by_all = laplace(around, layout, columns, problem.inflation)
+    assert by_all.score == pytest.approx(alone.score, rel=1e-9)
+    blocks = Forecast.of(around, layout, layout.columns(layout.whole()), problem.inflation)
+    assert blocks.score(columns) == pytest.approx(alone.score, rel=1e-9)
+
+
 @pytest.mark.parametrize("base", [{}, {"a": 0, "c": 1}, {"a": 0, "b": 1, "c": 1, "d": 0}])
 def test_a_forecast_by_blocks_is_that_by_the_whole_matrix(base):
     """Groups go, come and are swapped, bounded ones and forms among them."""
@@ -693,3 +718,53 @@ def test_a_doubtful_group_beside_nothing_has_no_rival():
     found = weighed({freeze({"a": 0}): 0.0, freeze({}): 2.0}, 1.0, ("a",))
     assert 0.5 < found.groups["a"] < 0.95
     assert found.rivals("a") == ()
+
+
+def lifted(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rim that lifts on one side, ever less (amplitude, side, bend), and tilts (two)."""
+    angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))
+    size, side, bend, one, other = x
+    rise, by_bend = load - bend * load**2, -(load**2)
+    lift, turn = np.maximum(np.cos(angle - side), 0.0), np.sin(angle - side)
+    value = size * rise * lift + load * (one * np.cos(angle) + other * np.sin(angle))
+    columns = [
+        rise * lift,
+        size * rise * turn * (lift > 0.0),
+        size * by_bend * lift,
+        load * np.cos(angle),
+        load * np.sin(angle),
+    ]
+    return 50.0 * value, 50.0 * np.stack(columns, axis=1)
+
+
+def lifts(truth: list[float]) -> Known:
+    groups = [
+        group(
+            "lift", [1.0, np.pi, 0.1], lower=np.array([0.0, -np.inf, -np.inf]),
+            forms=((0, 1), (0, 1, 2)), governor=(0, 0, 0), period=(np.inf, 2 * np.pi, np.inf),
+        ),
+        group("tilt", [1.0, 1.0]),
+    ]  # fmt: skip
+    noise = np.random.default_rng(9).normal(size=160)
+    return Known(groups, lifted(np.array(truth))[0] + noise, lifted)
+
+
+@pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])
+def test_what_comes_from_one_side_is_seen_from_any(side):
+    """At no lift at all nothing tells the side, and from the wrong one a lift is below nothing."""
+    search = searched(lifts([0.8, side, 0.0, 0.0, 0.0]))
+    Ways(search, np.zeros(5)).from_below()
+    assert set(dict(search.best.model)) == {"lift"}
+    assert np.cos(search.best.x[1] - side) > 0.999
+
+
+def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():
+    """Without a bend they are the same, and each step from one to the other is worse."""
+    search = searched(lifts([0.8, 2.9, 0.03, 0.0, 0.0]))
+    # max(0, c) = c + max(0, -c)
+    trap = np.array([0.75, 2.9 - np.pi, 0.0, 0.75 * np.cos(2.9), 0.75 * np.sin(2.9)])
+    fit = search.fit(freeze({"lift": 0, "tilt": 0}), trap)
+    assert np.cos(fit.x[1] - 2.9) < -0.99
+    best = search.improved(fit)
+    assert best.model == freeze({"lift": 1})
+    assert best.x[:3] == pytest.approx([0.8, 2.9, 0.03], abs=0.02)

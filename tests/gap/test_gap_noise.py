@@ -150,21 +150,40 @@ def test_a_field_without_noise_has_none(points: np.ndarray) -> None:
 
 
 def test_mixtures_count_as_what_was_recorded(points: np.ndarray) -> None:
-    """Of 7 frames 13 are made: variances of means are those of 7, whatever points are left out."""
+    """Of 7 frames 16 are made: variances of means are those of 7, whatever points are left out.
+
+    Straight in the root of pressure, which nothing undoes.
+    """
     rng = np.random.default_rng(5)
     test = bulge_test(points, dome(points, 7) + rng.normal(size=(7, len(points), 3)) * SIGMA)
-    common = np.linspace(test.pressure[0], test.pressure[-1], 13)
+    common = np.linspace(test.pressure[0], test.pressure[-1], 16)
     flat = test.blocks[0].displacement.reshape(7, -1)
-    moved = np.stack([np.interp(common, test.pressure, c) for c in flat.T], axis=1)
-    mixed = bulge_test(points, moved.reshape(13, -1, 3))
+    root, roots = np.sqrt(common), np.sqrt(test.pressure)
+    moved = np.stack([np.interp(root, roots, c) for c in flat.T], axis=1)
+    mixed = bulge_test(points, moved.reshape(16, -1, 3))
     plain, other = prepare(test).data, prepare(mixed)
     assert plain.mixture == 1.0
-    assert other.data.mixture == pytest.approx(13 / 7)
-    assert other.data.inflation == pytest.approx(13 / 7 * other.noise.inflation)
+    assert other.data.mixture == pytest.approx(16 / 7)
+    assert other.data.inflation == pytest.approx(16 / 7 * other.noise.inflation)
     # of thinned points each counts as one, but frames as many as before
     thinned = other.data.thinned(3)
     assert thinned.mixture == other.data.mixture
     alone = 1.0 + (other.noise.inflation - 1.0) / 3
-    assert thinned.inflation == pytest.approx(13 / 7 * alone)
+    assert thinned.inflation == pytest.approx(16 / 7 * alone)
     (warning,) = [w for w in left_out([other]) if "mixtures" in w]
-    assert "its 13 frames are linear mixtures of 7" in warning
+    assert "its 16 frames are linear mixtures of 7" in warning
+
+
+def test_what_was_interpolated_straight_is_judged_by_what_was_recorded(points: np.ndarray) -> None:
+    rng = np.random.default_rng(5)
+    test = bulge_test(points, dome(points, 7) + rng.normal(size=(7, len(points), 3)) * SIGMA)
+    common = np.linspace(test.pressure[0], test.pressure[-1], 18)
+    flat = test.blocks[0].displacement.reshape(7, -1)
+    moved = np.stack([np.interp(common, test.pressure, c) for c in flat.T], axis=1)
+    mixed = BulgeTest.from_arrays(points, moved.reshape(18, -1, 3), common)
+    prepared = prepare(mixed)
+    assert prepared.interpolated == 18
+    assert prepared.data.mixture == 1.0
+    assert prepared.data.specimen.recorded == pytest.approx(test.pressure, rel=1e-6)
+    (warning,) = [w for w in left_out([prepared]) if "interpolated" in w]
+    assert "its 18 frames were interpolated straight in pressure" in warning

@@ -28,8 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Read a bulge test of any known format, mend what `bulgefit info` finds, check it, and\n"
         "write it as .npz or HDF5 (.h5, .hdf5). What is asked for is done in the order of this\n"
-        "help: units, positions, swap, flip, shift, level, centre; then points are cropped, and\n"
-        "the test is turned last."
+        "help: units, positions, swap, flip, shift, level, centre, recorded; then points are\n"
+        "cropped, and the test is turned last."
     )
     parser.epilog = (
         "examples:\n"
@@ -113,6 +113,12 @@ def _add_mends(parser: argparse.ArgumentParser) -> None:
         help="shift the reference so that x = y = 0 is the centre of the circle on which the "
         "heights fall to zero (rim), or the highest point (apex)",
     )
+    group.add_argument(
+        "--recorded",
+        action="store_true",
+        help="undo an interpolation straight in pressure: keep the recorded frames, as far as the "
+        "interpolated ones tell them",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -154,6 +160,7 @@ def _done(args: argparse.Namespace) -> str:
             said.append(f"--{name.replace('_', '-')} {getattr(args, name)}")
     said += ["--level"] if args.level else []
     said += [f"--centre {args.centre}"] if args.centre is not None else []
+    said += ["--recorded"] if args.recorded else []
     said += [f"--crop {args.crop:g}"] if args.crop is not None else []
     said += [f"--rotate {args.rotate:g}"] if args.rotate else []
     return " ".join(said)
@@ -162,6 +169,7 @@ def _done(args: argparse.Namespace) -> str:
 def _mends(args: argparse.Namespace) -> list[Mend]:
     """What is asked for, in the order in which it is done."""
     from bulgefit.dic import mend
+    from bulgefit.dic.unmix import unmixed
 
     units = [_unit(text) for text in args.unit]
     mends: list[Mend] = [
@@ -182,6 +190,8 @@ def _mends(args: argparse.Namespace) -> list[Mend]:
         mends.append(mend.levelled)
     if args.centre is not None:
         mends.append(partial(mend.centred, by=args.centre))
+    if args.recorded:
+        mends.append(unmixed)
     return mends
 
 

@@ -7,17 +7,20 @@ the last digit: their rank is the number of those.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 
-__all__ = ["independent_frames"]
+__all__ = ["NOISE", "independent_frames", "values_of"]
+
+Floats = NDArray[np.float64]
 
 #: Recorded frames have noise of their own, so that singular values (rms, mm) stay at it and then
 #: fall to rounding. Those of computed fields fall on and on, by 10 to 50 from one to the next, as
 #: the coefficients of a smooth path do.
 _FALL = 100.0
 #: No camera resolves 10 nm, a ten thousandth of a pixel of 0.1 mm: what lies below is no noise.
-_NOISE = 1e-5
+NOISE = 1e-5
 #: Values of a frame that are looked at: many times the frames there are.
 _MOST_VALUES = 6000
 
@@ -33,12 +36,17 @@ def independent_frames(test: BulgeTest) -> int:
     moved = np.asarray(block.displacement, dtype=np.float64)
     still = ~np.nan_to_num(moved).any(axis=(1, 2))
     moved = moved[~still]
-    known = moved[:, np.isfinite(moved).all(axis=(0, 2))]
-    values = known.reshape(len(known), known.shape[1] * 3)
-    values = values[:, :: max(1, values.shape[1] // _MOST_VALUES)]
+    values = values_of(moved)
     if len(values) < 2 or values.shape[1] < 2 * len(values):
         return test.n_frames
     sizes = np.linalg.svd(values, compute_uv=False) / np.sqrt(values.shape[1])
-    falls = (sizes[1:] < _NOISE) & (sizes[:-1] > _NOISE) & (sizes[1:] * _FALL < sizes[:-1])
+    falls = (sizes[1:] < NOISE) & (sizes[:-1] > NOISE) & (sizes[1:] * _FALL < sizes[:-1])
     rank = int(np.argmax(falls)) + 1 if falls.any() else len(sizes)
     return rank + int(still.sum())
+
+
+def values_of(moved: Floats) -> Floats:
+    """Some values (frames, values) mm of displacement (frames, n, 3) that all frames have."""
+    known = moved[:, np.isfinite(moved).all(axis=(0, 2))]
+    values = known.reshape(len(known), known.shape[1] * 3)
+    return values[:, :: max(1, values.shape[1] // _MOST_VALUES)]

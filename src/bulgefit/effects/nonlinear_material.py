@@ -51,7 +51,7 @@ class NonlinearMaterial(Effect):
         # a knee below 0.4 % strain would be that of another modulus
         *(
             Parameter(
-                name,
+                f"knee_{axis}",
                 "1",
                 0.004,
                 0.05,
@@ -61,8 +61,9 @@ class NonlinearMaterial(Effect):
                 step=1e-5,
                 start=0.015,
                 coordinate="log",  # a knee at no strain would be that of another modulus
+                governor=f"s_{axis}",
             )
-            for name in _KNEES[2:]
+            for axis in "xy"
         ),
     )
     forms = (_GAINS, _KNEES, (*_GAINS, *_KNEES))

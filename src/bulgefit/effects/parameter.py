@@ -115,6 +115,11 @@ class Parameter:
         a length that acts through its square in that.
     origin : float or None
         Where it would take a stiffness that it multiplies to nothing; None: it multiplies none.
+    governor : str or None
+        Another of the effect's parameters, where which is at its null this one means nothing: a
+        lift's amplitude governs its direction.
+    period : float or None
+        What values may differ by and be the same; None: each is another.
     """
 
     name: str
@@ -128,6 +133,8 @@ class Parameter:
     start: float | None = None
     coordinate: Literal["linear", "log", "square"] = "linear"
     origin: float | None = None
+    governor: str | None = None
+    period: float | None = None
 
     @property
     def begins_at_null(self) -> bool:

@@ -43,6 +43,8 @@ class RimLift(Effect):
             prior=180.0,
             reason="any side may lift",
             step=1e-3,
+            governor="amplitude",
+            period=360.0,
         ),
         Parameter(
             "shape",
@@ -52,6 +54,7 @@ class RimLift(Effect):
             prior=0.5,
             reason="screws stiffen by the order of their own load",
             step=1e-5,
+            governor="amplitude",
         ),
     )
     forms = (("amplitude", "direction"), ("amplitude", "direction", "shape"))

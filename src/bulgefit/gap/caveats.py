@@ -28,6 +28,12 @@ def left_out(prepared: Sequence[Prepared]) -> list[str]:
                 f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
                 "slack and wrinkles; what no model follows there counts as noise"
             )
+        if p.interpolated is not None:
+            at = ", ".join(f"{10.0 * one:.3g}" for one in p.data.specimen.recorded)
+            out.append(
+                f"{name}: its {p.interpolated} frames were interpolated straight in pressure; it "
+                f"was judged by the recorded ones, which they tell, at {at} bar"
+            )
         if p.data.mixture > 1.0:
             frames = len(p.data.used)
             out.append(

@@ -227,7 +227,8 @@ def _searched(
         plain.ways.every()
     else:
         plain.ways.by_elimination(lambda: plain.is_content)
-    if not plain.search.fits:
+    if not plain.search.fits or not (plain.search.best.converged or plain.is_content):
+        # what everything together was given up at says nothing of smaller models
         plain.ways.from_below()
     if plain.is_content:
         plain.finish()

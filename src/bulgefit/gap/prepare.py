@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers, rough_part
+from bulgefit.dic.unmix import recorded_frames
 from bulgefit.errors import InputError
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
@@ -62,6 +63,8 @@ class Prepared:
         Root mean square of what the correction leaves of it; None where it could not be found.
     strays : int
         Points of frames that were left out because they depart from those around them.
+    interpolated : int or None
+        Frames of the file, where they were interpolated from those that are judged.
     """
 
     data: Data
@@ -70,6 +73,7 @@ class Prepared:
     discretisation: Floats
     mesh_error: Floats | None = None
     strays: int = 0
+    interpolated: int | None = None
 
 
 def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
@@ -89,6 +93,9 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
             "gap is judged by all three components (bulgefit fit compares those that were measured)"
         )
     _need_field(test)
+    recorded, interpolated = recorded_frames(test), None
+    if recorded is not None and recorded.n_frames >= LEAST_FRAMES:
+        test, interpolated = recorded, test.n_frames
     frames, rough_from = _usable_frames(test)
     if len(frames) < LEAST_FRAMES:
         dropped = (
@@ -107,7 +114,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     used = np.isfinite(block.displacement)
     mixture = len(test.pressure) / independent_frames(test)
     data = Data(specimen, noise.sigma, used, mixture * noise.inflation, mixture=mixture)
-    return Prepared(data, noise, rough_from, np.zeros(3))
+    return Prepared(data, noise, rough_from, np.zeros(3), interpolated=interpolated)
 
 
 def _one_block(test: BulgeTest) -> BulgeTest:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.suspicions.suspicion import Suspicion
+from bulgefit.dic.unmix import recorded_frames
 
 __all__ = ["about_mixtures"]
 
@@ -15,10 +16,21 @@ def about_mixtures(test: BulgeTest) -> Iterator[Suspicion]:
     """Frames that are linear mixtures of others."""
     recorded = independent_frames(test)
     if recorded < test.n_frames:
+        found = recorded_frames(test)
         yield Suspicion(
             "frames_interpolated",
             f"the {test.n_frames} frames are linear mixtures of {recorded}: displacement was "
             "interpolated, between frames that are far apart by tenths of a millimetre wrongly",
-            "give the frames as they were recorded, with their own pressures; bulgefit diagnose "
-            f"counts these as {recorded}",
+            "give the frames as they were recorded, with their own pressures; "
+            + _done(recorded, found),
         )
+
+
+def _done(recorded: int, found: BulgeTest | None) -> str:
+    if found is None:
+        return f"bulgefit diagnose counts these as {recorded}"
+    at = ", ".join(f"{10.0 * one:.4g}" for one in found.pressure)
+    return (
+        f"of the {recorded}, these tell those at {at} bar, which bulgefit diagnose goes by and "
+        "bulgefit convert --recorded writes"
+    )

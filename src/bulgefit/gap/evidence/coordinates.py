@@ -92,7 +92,15 @@ class Coordinates:
 
         def add(name: Owned, place: str, own: list[Coordinate], **more: object) -> None:
             null, width, lower = np.array([[c.null, c.width, c.lower] for c in own]).T
-            groups.append(Group(name, place, null, width, lower, **more))  # type: ignore[arg-type]
+            keys = [c.key for c in own]
+            governor = tuple(
+                keys.index(c.key._replace(parameter=c.parameter.governor or c.key.parameter))
+                for c in own
+            )
+            period = tuple(c.parameter.period or math.inf for c in own)
+            groups.append(
+                Group(name, place, null, width, lower, governor=governor, period=period, **more)  # type: ignore[arg-type]
+            )
             every.extend(own)
 
         add(MATERIAL, "", _moduli(priors or {}), always=True)

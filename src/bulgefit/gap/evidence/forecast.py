@@ -35,6 +35,8 @@ class Forecast:
         Coordinates of the model, and the others that have derivatives.
     value : float
         -2 ln(likelihood × prior) at the model's optimum, and its Gaussian's ln det A.
+    x : (n,) array
+        Where the misfit was made linear.
     mean : (p,) array
         The optimum, whatever bounds there are.
     covariance : (p, p) array
@@ -51,6 +53,7 @@ class Forecast:
     inside: Columns
     outside: Columns
     value: float
+    x: Floats
     mean: Floats
     covariance: Floats
     carried: Floats
@@ -62,9 +65,9 @@ class Forecast:
         """About the model that frees `columns`."""
         own = np.searchsorted(here.columns, columns)
         rest = np.setdiff1d(np.arange(len(here.columns)), own)
-        value, slope, matrix = quadratic(
-            _at_nulls(here, layout, rest), layout, here.columns, inflation
-        )
+        here = _without(here, layout, columns, rest)
+        value, slope, matrix = quadratic(here, layout, here.columns, inflation)
+        value -= _believed(layout, here.columns[rest], here.x[here.columns[rest]])
         inner, between = matrix[np.ix_(own, own)], matrix[np.ix_(own, rest)]
         covariance, log_det = inverted(inner)
         carried, step = covariance @ between, covariance @ slope[own]
@@ -73,6 +76,7 @@ class Forecast:
             columns,
             here.columns[rest],
             float(value - slope[own] @ step + log_det),
+            here.x,
             here.x[columns] + step,
             covariance,
             carried,
@@ -84,11 +88,16 @@ class Forecast:
         """-2 ln Z of the model that frees other columns."""
         gone = np.flatnonzero(~np.isin(self.inside, columns, assume_unique=True))
         come = np.flatnonzero(np.isin(self.outside, columns, assume_unique=True))
-        back = self.layout.null[self.inside[gone]] - self.mean[gone]
+        lacked = self.inside[gone]
+        at = self.layout.without(lacked, columns, self.x)
+        back = at - self.mean[gone]
         block = self.covariance[np.ix_(gone, gone)]
         inverse: Floats = np.asarray(np.linalg.inv(block), dtype=np.float64)
         pull = inverse @ back
         score = self.value + float(back @ pull + np.linalg.slogdet(block)[1])
+        score -= _believed(self.layout, lacked, at)
+        new = self.outside[come]
+        score += _believed(self.layout, new, self.x[new])
         across = self.carried[np.ix_(gone, come)]
         slope = self.slope[come] - across.T @ pull
         stiff = self.stiff[np.ix_(come, come)] + across.T @ inverse @ across
@@ -134,11 +143,18 @@ class Forecast:
         return 2.0 * (prior - log_share_above(mean, covariance, lower))
 
 
-def _at_nulls(here: Linearised, layout: Layout, rest: NDArray[np.intp]) -> Linearised:
-    """The same where some of its coordinates are at their nulls."""
-    x, change = np.array(here.x), np.zeros(len(here.columns))
-    change[rest] = layout.null[here.columns[rest]] - x[here.columns[rest]]
-    x[here.columns[rest]] = layout.null[here.columns[rest]]
+def _believed(layout: Layout, columns: Columns, at: Floats) -> float:
+    """-2 ln of the prior where coordinates stand: of those that mean nothing there none counts."""
+    return float((((at - layout.null[columns]) / layout.width[columns]) ** 2).sum())
+
+
+def _without(
+    here: Linearised, layout: Layout, columns: Columns, rest: NDArray[np.intp]
+) -> Linearised:
+    """The same where a model of these columns has the rest (`Layout.without`)."""
+    lacked, x, change = here.columns[rest], np.array(here.x), np.zeros(len(here.columns))
+    x[lacked] = layout.without(lacked, columns, here.x)
+    change[rest] = x[lacked] - here.x[lacked]
     turned = here.hessian @ change
     square = here.square + change @ (turned - 2.0 * here.gradient)
     return replace(here, x=x, square=float(square), gradient=here.gradient - turned)

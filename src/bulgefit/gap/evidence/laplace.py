@@ -54,11 +54,13 @@ def quadratic(
 ) -> tuple[float, Floats, Floats]:
     """-2 ln(likelihood × prior) of a model near `here`: value, slope b and matrix A at its x.
 
-    What `here` has derivatives by and the model lacks is moved to its null.
+    What `here` has derivatives by and the model lacks is moved to its null, or stays where it means
+    nothing (`Layout.without`).
     """
     own = np.searchsorted(here.columns, columns)
     gone = np.setdiff1d(np.arange(len(here.columns)), own)
-    change = layout.null[here.columns[gone]] - here.x[here.columns[gone]]
+    lacked = here.columns[gone]
+    change = layout.without(lacked, columns, here.x) - here.x[lacked]
     square = here.square - 2.0 * change @ here.gradient[gone]
     square += change @ here.hessian[np.ix_(gone, gone)] @ change
     gradient = here.gradient[own] - here.hessian[np.ix_(own, gone)] @ change

@@ -58,6 +58,8 @@ class Search(Generic[Kind]):
         Fit no closer than others may start from.
     share : float
         End fits where a step gains less than this share of the misfit beyond the noise.
+    turned : set of Model
+        Those that were fitted from other sides of what is periodic, too.
     """
 
     problem: Kind
@@ -67,6 +69,7 @@ class Search(Generic[Kind]):
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
     share: float = 0.0
+    turned: set[Model] = field(default_factory=set)
 
     @property
     def best(self) -> Fit:
@@ -108,9 +111,25 @@ class Search(Generic[Kind]):
         return self.fits[model]
 
     def around(self, fit: Fit) -> Linearised:
-        """The misfit at a fit by every coordinate that may be freed."""
-        columns = self.layout.columns(self.layout.whole(self.names))
-        return self.problem.linearise(fit.x, columns, fit.here.near)
+        """The misfit at a fit by every coordinate that may be freed.
+
+        What is periodic, and means nothing in the model, stands at the side from which its group
+        takes off most.
+        """
+        whole, x = self.layout.whole(self.names), fit.x
+        for _, at in self.layout.turning(whole - self._of(fit.model)):
+            x = min(self.layout.sides(x, at), key=partial(self._left, fit, int(at)))
+        return self.problem.linearise(x, self.layout.columns(whole), fit.here.near)
+
+    def _of(self, model: Model) -> Model:
+        """The groups of a model in their largest form."""
+        return self.layout.whole(dict(model))
+
+    def _left(self, fit: Fit, at: int, x: Floats) -> float:
+        """What a coordinate's governor takes off the misfit from one side, less than nothing."""
+        governor = self.layout.governor[[at]]
+        here = self.problem.linearise(x, governor, fit.here.near)
+        return -float(np.maximum(here.gradient[0], 0.0) ** 2 / here.hessian[0, 0])
 
     def improved(self, fit: Fit, fewer: int | None = None) -> Fit:
         """A fit from which no drop, growth, addition or swap that was tried raises the evidence.
@@ -127,6 +146,7 @@ class Search(Generic[Kind]):
             around = self.around(fit)
             changes = fewer - len(fit.model) if fewer is not None and fit is not self.best else None
             better = self._thinned(fit, around) or self._changed(fit, around, changes)
+            better = better or self._turned(fit)
             if better is None:
                 break
             fit = better
@@ -229,6 +249,24 @@ class Search(Generic[Kind]):
             found = self._refit(model, around)
             if found is not None and found.score < fit.score:
                 return found
+        return None
+
+    def _turned(self, fit: Fit) -> Fit | None:
+        """The best model, if it does better from another side of what is periodic.
+
+        What a group does from one side others may do beside what it does from the opposite one,
+        and every step between is worse. In its largest form: of two sides that do as well in a
+        smaller one, the larger one tells the right one.
+        """
+        if fit is not self.best or fit.model in self.turned:
+            return None
+        self.turned.add(fit.model)
+        for name, at in self.layout.turning(fit.model):
+            larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
+            for start in list(self.layout.sides(fit.x, at))[1:]:
+                found = self.fit(larger, start)
+                if found is not None and found.score < fit.score:
+                    return found
         return None
 
     def _refit(self, model: Model, around: Linearised) -> Fit | None:
