@@ -21,6 +21,7 @@ import json
 import platform
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ def runs(number: int, *, final: bool) -> dict[str, dict[str, Any]]:
     }
 
 
-def page(results: dict[str, dict[str, Any]]) -> str:
+def page(results: Mapping[str, Mapping[str, Any]]) -> str:
     """All results as Markdown."""
     parts = [
         "# Results of the blind trial",

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 pyvista.OFF_SCREEN = True
+pyvista.BUILDING_GALLERY = True  # so that its scraper finds what was shown
 
 project = "bulgefit"
 author = "the authors of bulgefit"
@@ -45,7 +46,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": "gallery",
     "filename_pattern": r"/plot_",
     "within_subsection_order": "FileNameSortKey",
-    "image_scrapers": ("matplotlib", returned_figures),
+    "image_scrapers": ("matplotlib", returned_figures, "pyvista"),
     "abort_on_example_error": True,
     "show_memory": False,
     "download_all_examples": False,

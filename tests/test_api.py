@@ -41,6 +41,66 @@ def test_what_is_no_test(name, given):
     assert len(str(caught.value).splitlines()) == 1
 
 
+#: Functions of something else, with what they take beside it.
+OF_OTHERS = {
+    "batch_of": lambda given: bulgefit.batch_of(given),
+    "batch_of several": lambda given: bulgefit.batch_of([given]),
+    "plot": lambda given: bulgefit.plot(given),
+    "plot_apex": lambda given: bulgefit.plot_apex(given),
+    "plot_fields": lambda given: bulgefit.plot_fields(given, given, given, "none.png"),
+    "plot_folds": lambda given: bulgefit.plot_folds(given),
+    "plot_measured": lambda given: bulgefit.plot_measured(given),
+    "plot_profiles": lambda given: bulgefit.plot_profiles(given, ()),
+    "plot_residuals": lambda given: bulgefit.plot_residuals(given, ()),
+    "plot_rings": lambda given: bulgefit.plot_rings(given),
+    "plot_spreads": lambda given: bulgefit.plot_spreads(given),
+    "material": lambda given: bulgefit.material(given, E=300.0, nu=0.2),
+    "read_test": lambda given: bulgefit.read_test(given),
+    "write_paraview": lambda given: bulgefit.write_paraview(given, "none.pvd"),
+    "write_test": lambda given: bulgefit.write_test(given, "none.npz"),
+    "write_test_paraview": lambda given: bulgefit.write_test_paraview(given, "none.pvd"),
+}
+
+
+@pytest.mark.parametrize("given", NO_TESTS, ids=lambda given: type(given).__name__)
+@pytest.mark.parametrize("name", OF_OTHERS)
+def test_what_is_of_another_kind(name, given, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        OF_OTHERS[name](given)
+    assert len(str(caught.value).splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("path", [None, 3, b"x.npz", [], object()], ids=str)
+def test_what_names_no_file(path, test):
+    for write in (bulgefit.write_test, bulgefit.write_test_paraview, bulgefit.animate):
+        with pytest.raises(InputError, match="name of a file is needed, not"):
+            write(test, path)
+    if path is not None:  # which is no file on purpose
+        with pytest.raises(InputError, match="name of a file is needed, not"):
+            bulgefit.show(test, path)
+        with pytest.raises(InputError, match="name of a file is needed, not"):
+            bulgefit.plot_profiles(test, tuple(b.displacement for b in test.blocks), path)
+
+
+@pytest.mark.parametrize("given", [None, 3, object(), ((1.0, 2.0),)], ids=str)
+def test_what_is_no_prediction(given, test):
+    for draw in (bulgefit.plot_profiles, bulgefit.plot_residuals):
+        with pytest.raises(InputError):
+            draw(test, given)
+
+
+def test_arrays_of_no_mesh():
+    nodes, cells = np.zeros((4, 2)), np.arange(4)[None]
+    for wrong in (
+        (nodes, cells, np.zeros((4, 2))), (nodes, cells + 1, np.zeros((4, 3))),
+        (nodes, cells[:0], np.zeros((4, 3))), (nodes[:, :1], cells, np.zeros((4, 3))),
+    ):  # fmt: skip
+        with pytest.raises(InputError):
+            bulgefit.plot_fields(*wrong, "none.png")
+
+
 WRONG_MATERIALS = (
     None, "E1", 300, ["E1", 300], {}, {"E1": 300}, {"E1": "stiff", "E2": 240, "G12": 30},
     {"E1": None, "E2": 240, "G12": 30}, {"E1": True, "E2": 240, "G12": 30}, {1: 300},

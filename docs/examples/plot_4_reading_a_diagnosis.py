@@ -51,6 +51,14 @@ assert found.verdict == "named"
 assert [cause.effect for cause in found.causes] == ["clamp_slip"]
 
 # %%
+# Where the model without it misses, and what the cause takes off the gap: down to the noise.
+where = found.plot("where", after=False)
+budget = found.plot("budget")
+gaps = found.gaps
+assert gaps["baseline"]["e_w"] > 3.0 * gaps["noise_floor"]["e_w"]
+assert gaps["explained"]["e_w"] < 1.1 * gaps["noise_floor"]["e_w"]
+
+# %%
 # A fit with the cause
 # --------------------
 # Now the moduli are those of the cloth.

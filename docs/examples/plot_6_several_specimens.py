@@ -45,6 +45,13 @@ for test, result in zip(tests, each, strict=True):
         assert abs(values[name] - true) < 0.01 * true
 
 # %%
+# Their intervals do not meet: it is the cloth that differs, and not the noise.
+batch = bulgefit.batch_of(each)
+print(batch.report())
+spread = batch.plot()
+assert batch.spreads["E1"].scatter > 5.0
+
+# %%
 # Together, and each predicted by the others
 # ------------------------------------------
 # One material for all: its misfit is far above the noise, which is the scatter of the cloth and no
@@ -59,3 +66,5 @@ for fold in folds["folds"]:
     print(f"{fold['left_out']}: e_w = {missed:.4f} mm by the others' material")
     # what the noise alone leaves is 0.009 mm
     assert missed > 0.015
+
+left_out = folds.plot()

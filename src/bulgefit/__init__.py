@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from bulgefit.report.show import animate as animate
     from bulgefit.report.show import show as show
     from bulgefit.report.spreads import plot_spreads as plot_spreads
+    from bulgefit.trial.run import run_trial as run_trial
 
     __version__: str
 
@@ -81,6 +82,7 @@ _HOMES = {
     "plot_rings": "bulgefit.report.measured",
     "plot_spreads": "bulgefit.report.spreads",
     "read_test": "bulgefit.dic.readers",
+    "run_trial": "bulgefit.trial.run",
     "show": "bulgefit.report.show",
     "simulate": "bulgefit.model.simulation",
     "write_paraview": "bulgefit.report.paraview",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
+from typing import Any
 
-__all__ = ["BulgefitError", "Cause", "InputError", "SolveError"]
+__all__ = ["BulgefitError", "Cause", "InputError", "SolveError", "kind_of", "needed"]
 
 
 class BulgefitError(Exception):
@@ -14,6 +15,31 @@ class BulgefitError(Exception):
 
 class InputError(BulgefitError, ValueError):
     """Input that cannot be used: the message says what is wrong, where, and what to do."""
+
+
+def kind_of(value: Any) -> str:
+    """What a value is that was no use, in words."""
+    return "None" if value is None else f"a value of type {type(value).__name__}"
+
+
+def needed(value: Any, kind: type, what: str) -> Any:
+    """The value, where a public function was given what it takes.
+
+    Parameters
+    ----------
+    value
+    kind : type
+    what : str
+        It in words, with where it comes from: "what bulgefit.measure gives".
+
+    Raises
+    ------
+    InputError
+        It is of another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{what} is needed, not {kind_of(value)}")
+    return value
 
 
 class Cause(Enum):

@@ -17,9 +17,10 @@ from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, kind_of
 
 __all__ = [
+    "as_path",
     "atomic_path",
     "atomic_write_bytes",
     "atomic_write_text",
@@ -40,6 +41,13 @@ Place = str | os.PathLike[str]
 _unfinished: set[Path] = set()
 
 _BINARY = getattr(os, "O_BINARY", 0)
+
+
+def as_path(path: Place) -> Path:
+    """A path of what names one; InputError of what does not."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"the name of a file is needed, not {kind_of(path)}")
+    return Path(path)
 
 
 def check_output(path: Place, force: bool = False) -> Path:

@@ -718,3 +718,53 @@ def test_a_doubtful_group_beside_nothing_has_no_rival():
     found = weighed({freeze({"a": 0}): 0.0, freeze({}): 2.0}, 1.0, ("a",))
     assert 0.5 < found.groups["a"] < 0.95
     assert found.rivals("a") == ()
+
+
+def lifted(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rim that lifts on one side, ever less (amplitude, side, bend), and tilts (two)."""
+    angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))
+    size, side, bend, one, other = x
+    rise, by_bend = load - bend * load**2, -(load**2)
+    lift, turn = np.maximum(np.cos(angle - side), 0.0), np.sin(angle - side)
+    value = size * rise * lift + load * (one * np.cos(angle) + other * np.sin(angle))
+    columns = [
+        rise * lift,
+        size * rise * turn * (lift > 0.0),
+        size * by_bend * lift,
+        load * np.cos(angle),
+        load * np.sin(angle),
+    ]
+    return 50.0 * value, 50.0 * np.stack(columns, axis=1)
+
+
+def lifts(truth: list[float]) -> Known:
+    groups = [
+        group(
+            "lift", [1.0, np.pi, 0.1], lower=np.array([0.0, -np.inf, -np.inf]),
+            forms=((0, 1), (0, 1, 2)), governor=(0, 0, 0), period=(np.inf, 2 * np.pi, np.inf),
+        ),
+        group("tilt", [1.0, 1.0]),
+    ]  # fmt: skip
+    noise = np.random.default_rng(9).normal(size=160)
+    return Known(groups, lifted(np.array(truth))[0] + noise, lifted)
+
+
+@pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])
+def test_what_comes_from_one_side_is_seen_from_any(side):
+    """At no lift at all nothing tells the side, and from the wrong one a lift is below nothing."""
+    search = searched(lifts([0.8, side, 0.0, 0.0, 0.0]))
+    Ways(search, np.zeros(5)).from_below()
+    assert set(dict(search.best.model)) == {"lift"}
+    assert np.cos(search.best.x[1] - side) > 0.999
+
+
+def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():
+    """Without a bend they are the same, and each step from one to the other is worse."""
+    search = searched(lifts([0.8, 2.9, 0.03, 0.0, 0.0]))
+    # max(0, c) = c + max(0, -c)
+    trap = np.array([0.75, 2.9 - np.pi, 0.0, 0.75 * np.cos(2.9), 0.75 * np.sin(2.9)])
+    fit = search.fit(freeze({"lift": 0, "tilt": 0}), trap)
+    assert np.cos(fit.x[1] - 2.9) < -0.99
+    best = search.improved(fit)
+    assert best.model == freeze({"lift": 1})
+    assert best.x[:3] == pytest.approx([0.8, 2.9, 0.03], abs=0.02)

@@ -10,6 +10,8 @@ from bulgefit.fitting.fit import fit
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.setup import Setup
+from bulgefit.trial.answer import TrialAnswer
+from bulgefit.trial.score import judge, score
 
 TRUTH = {
     "E1": 330.0,
@@ -73,3 +75,33 @@ def pair():
     """Two tests of one name, one slack as well."""
     shifted = {**TRUTH, "prestrain.slack_x": 0.002}
     return diagnose([made("same", 2), made("same", 3, shifted)], effects=["rigid_motion"])
+
+
+@pytest.fixture(scope="session")
+def trial_answer():
+    """What a trial of two tests with the same cause found, which was named in one of them."""
+    records = [
+        {
+            "file": f"test_{i}.npz", "struck": [],
+            "truth": {"kind": "one", "effects": ["clamp_slip"], "signature_mm": 0.1,
+                      "signature_left_mm": 0.05},
+            "answer": {
+                "verdict": verdict, "seconds": 1.0,
+                "causes": [{"effect": "clamp_slip", "alternatives": [], "probability": 0.999,
+                            "parameters": {}}] if verdict == "named" else [],
+            },
+        }
+        for i, verdict in enumerate(("named", "unknown"))
+    ]  # fmt: skip
+    for one in records:
+        one["truth"] |= {
+            "parameters": {"clamp_slip": {}},
+            "signatures": {"clamp_slip": {"signature_left_mm": 0.05}},
+            "moduli": {"E1": 300.0},
+            "noise_mm": [0.006, 0.013],
+        }
+    return TrialAnswer(
+        scores=score(records),
+        tests=[judge(one) for one in records],
+        meta={"seed": 3, "seals": {"test_0": "ab12"}, "versions": {"bulgefit": "1"}},
+    )

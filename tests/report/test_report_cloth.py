@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -154,3 +155,55 @@ def test_heights_before_inflation_are_told_where_the_model_has_any(family):
     markdown, terminal = words_of(family)
     assert "before inflation its centre" not in terminal
     assert "The shape before inflation" not in markdown
+
+
+def test_an_effect_of_several_tests_is_told_once(family):
+    record = deepcopy(family)
+    for told, name in zip(record["report"]["tests"], ("A", "B"), strict=True):
+        told["name"] = name
+    moved = record["causes"][0]
+    record |= {
+        "verdict": "named",
+        "causes": [
+            {**moved, "specimen": 1}, {**moved, "effect": "prestrain", "meaning": "slack"},
+            {**moved, "specimen": 0}, {**moved, "alternatives": ["registration"]},
+        ],
+        "indistinguishable": [{"effects": ["rigid_motion", "registration"], "cosine": 0.97}],
+        "others": {"rim_lift@1": 0.2, "rim_field@0": 1e-6, "creep": 1e-7, "rim_field@1": 1e-9},
+    }  # fmt: skip
+    record["report"]["candidates"] = []
+    page, terminal = words_of(record)
+    for text in (" ".join(page.split()), terminal):
+        assert (
+            f"rigid_motion of B and A ({moved['meaning']}), prestrain of A (slack) and one of "
+            "rigid_motion or registration of A explain the gap down to the noise."
+        ) in text
+        assert text.count("rigid_motion looks much like registration (0.97)") == 1
+    assert "| rim_lift of B | 0.200 | weighed and dropped |" in page
+    assert "| rim_field of A and B, creep | below 0.001 each | weighed and dropped |" in page
+
+
+def test_figures_of_a_test_have_its_own_effects_alone(pair):
+    effects = [[group.effect for group in step.groups] for step in pair.explanation.steps]
+    owners = [{group.specimen for group in step.groups} for step in pair.explanation.steps]
+    assert {0} in owners
+    assert {1} in owners
+    for index in (0, 1):
+        ours = [e for names, whose in zip(effects, owners, strict=True)
+                if whose & {None, index} for e in names]  # fmt: skip
+        figure = pair.plot("signatures", test=index)
+        assert [part.get_suptitle() for part in figure.subfigs] == ours[:4]
+        titles = [panel.get_title() for panel in pair.plot("modes", test=index).axes]
+        assert titles[0] == "radial,\nmoduli alone"
+        assert titles[3].startswith("radial,\nwith rigid_motion + ")
+        assert "@" not in "".join(titles)
+
+
+def test_titles_of_modes_stay_in_their_panels(pair):
+    """Also those of the last column, in the figure as it is written."""
+    figure = pair.plot("modes", test=1)
+    figure.canvas.draw()
+    boxes = [panel.title.get_window_extent() for panel in figure.axes]
+    assert max(box.x1 for box in boxes) < figure.bbox.x1
+    for left, right in pairwise(boxes):
+        assert left.y0 != right.y0 or left.x1 < right.x0

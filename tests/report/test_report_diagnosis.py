@@ -144,7 +144,7 @@ def test_several_tests_of_one_name(pair, tmp_path):
         maps.append(path.read_bytes())
     assert maps[0] != maps[1]
     assert "rotation_x of same" in report_text(pair)
-    assert "rigid_motion of same (the camera's frame" in text_of(pair)
+    assert "rigid_motion of same and same (the camera's frame" in text_of(pair)
     assert "rigid_motion of same: the camera's frame" in report_text(pair)
 
 

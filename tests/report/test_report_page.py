@@ -20,7 +20,6 @@ from bulgefit.report.page.of_fit import page_of_fit
 from bulgefit.report.page.page import page_html, verb_of
 from bulgefit.report.page.predicted import of_diagnosis, of_fit
 from bulgefit.report.record import record_of
-from bulgefit.trial.score import judge, score
 
 
 @pytest.fixture(scope="session")
@@ -230,32 +229,8 @@ def test_the_page_of_a_cross_validation():
     assert "0.1" in page
 
 
-def test_the_page_of_a_trial():
-    records = [
-        {
-            "file": f"test_{i}.npz", "struck": [],
-            "truth": {"kind": "one", "effects": ["clamp_slip"], "signature_mm": 0.1,
-                      "signature_left_mm": 0.05},
-            "answer": {
-                "verdict": verdict, "seconds": 1.0,
-                "causes": [{"effect": "clamp_slip", "alternatives": [], "probability": 0.999,
-                            "parameters": {}}] if verdict == "named" else [],
-            },
-        }
-        for i, verdict in enumerate(("named", "unknown"))
-    ]  # fmt: skip
-    for one in records:
-        one["truth"] |= {
-            "parameters": {"clamp_slip": {}},
-            "moduli": {"E1": 300.0},
-            "noise_mm": [0.006, 0.006, 0.013],
-        }
-    result = {
-        "scores": score(records),
-        "tests": [judge(one) for one in records],
-        "meta": {"seed": 3, "seals": {"test_0": "ab12"}, "versions": {"bulgefit": "1"}},
-    }
-    page = page_html(json.loads(json.dumps(result)), [])
+def test_the_page_of_a_trial(trial_answer):
+    page = page_html(json.loads(json.dumps(trial_answer)), [])
     assert "1 of 2 tests were answered rightly" in page
     assert "clamp_slip" in page
     assert "ab12" in page

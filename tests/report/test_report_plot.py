@@ -11,7 +11,10 @@ from matplotlib.figure import Figure
 import bulgefit
 from bulgefit.errors import InputError
 from bulgefit.fitting.answers import CrossValidation
+from bulgefit.fitting.bootstrap import Bootstrap
 from bulgefit.shown import Drawn
+from bulgefit.trial.answer import TrialAnswer
+from bulgefit.trial.score import score
 
 MODULI = {"E1": 330.0, "E2": 230.0, "G12": 40.0}
 OBJECTIVES = {"e": 0.1, "e_w": 0.03, "e_z": None}
@@ -39,6 +42,19 @@ def predicted(plate):
 
 
 @pytest.fixture(scope="module")
+def simulated():
+    return bulgefit.simulate({**MODULI, "nu12": 0.24}, [0.2, 0.1], refine=2)
+
+
+@pytest.fixture(scope="module")
+def refits(fit_found):
+    """As a bootstrap tells them."""
+    rng = np.random.default_rng(4)
+    values = rng.normal(100.0, 1.0, (50, len(fit_found.free)))
+    return Bootstrap(fit_found.free, values, failures=0, level=0.9, block=1, seed=0)
+
+
+@pytest.fixture(scope="module")
 def measured(plate):
     return bulgefit.measure(plate, window=30.0)
 
@@ -47,8 +63,11 @@ def measured(plate):
 KINDS = {
     "fit_found": ("parameters",),
     "folds": ("folds",),
+    "refits": ("parameters",),
+    "simulated": ("shapes",),
     "predicted": ("profiles", "residuals"),
     "measured": ("apex", "rings", "fields"),
+    "trial_answer": ("shares", "sizes", "reliability"),
     "found": ("budget", "cosines", "where", "modes", "signatures", "dx", "dy", "dz"),
 }
 
@@ -110,13 +129,37 @@ def test_what_is_of_a_test(found):
         found.plot("dz", test=1)
 
 
+def test_a_trial_draws_its_shares(trial_answer):
+    """One of two found: the interval is Wilson's (1927), by his formula."""
+    (panel,) = trial_answer.plot("shares").axes
+    words = [label.get_text() for label in panel.get_yticklabels()]
+    assert words[0] == "effects named, or in a set of at most two"
+    assert [text.get_text() for text in panel.texts][:1] == ["1 of 2"]
+    z, n = 1.959963984540054, 2
+    half = z / (1 + z**2 / n) * np.sqrt(0.25 / n + z**2 / (4 * n**2))
+    interval, dot = panel.lines[:2]
+    np.testing.assert_allclose(interval.get_xdata(), [50 - 100 * half, 50 + 100 * half])
+    assert dot.get_xdata().tolist() == [50.0]
+    # what was stated with 99.9 % is true
+    (panel,) = trial_answer.plot("reliability").axes
+    assert (panel.lines[-1].get_xdata(), panel.lines[-1].get_ydata()) == ([99.9], [100.0])
+    (panel,) = trial_answer.plot("sizes").axes
+    noise = np.sqrt(2 * 0.006**2 + 0.013**2)
+    assert 3.0 < 0.05 / noise < 10.0
+    assert panel.get_yticklabels()[0].get_text() == "3 to 10 times the noise"
+    nothing = TrialAnswer({**trial_answer, "scores": score([])})
+    for kind in ("shares", "sizes", "reliability"):
+        with pytest.raises(InputError, match=f"nothing to draw for '{kind}'"):
+            nothing.plot(kind)
+
+
 @pytest.mark.parametrize("thing", [None, 3, {"E1": 1}, "fit"])
 def test_what_has_no_figure(thing):
     with pytest.raises(InputError, match="is no result that has figures"):
         bulgefit.plot(thing)
 
 
-def test_tables(folds, predicted, plate, found):
+def test_tables(folds, predicted, plate, found, trial_answer):
     pytest.importorskip("pandas")
     table = folds.to_dataframe()
     assert table.E1.tolist() == [300.0, 301.0, 302.0]
@@ -131,13 +174,66 @@ def test_tables(folds, predicted, plate, found):
     assert causes.loc["rigid_motion.shift_x", "probability"] == cause.probability
     shift = cause.parameters["shift_x"]
     assert causes.loc["rigid_motion.shift_x", "stderr"] == shift["stderr"]
+    told = trial_answer.to_dataframe()
+    assert told.index.tolist() == ["test_0.npz", "test_1.npz"]
+    assert told.right.tolist() == [True, False]
+    assert told.loc["test_0.npz", "causes"] == [["clamp_slip"]]
     evaluation = bulgefit.evaluate(plate, MODULI)
     assert evaluation.to_dataframe().loc["plate 1/a", "r_dz"] == evaluation["tests"][0]["dz"]
 
 
-def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate):
+def test_refits_stand_beside_their_interval(refits):
+    for panel, values in zip(refits.plot().axes, refits.values.T, strict=True):
+        *bars, band = panel.patches
+        assert sum(bar.get_height() for bar in bars) == len(values)
+        ends = [band.get_x(), band.get_x() + band.get_width()]
+        np.testing.assert_allclose(ends, np.quantile(values, [0.05, 0.95]))
+    pytest.importorskip("pandas")
+    np.testing.assert_array_equal(refits.to_dataframe().to_numpy(), refits.values)
+
+
+def test_shapes_rise_with_pressure(simulated):
+    left, right = simulated.plot().axes
+    np.testing.assert_array_equal(left.lines[0].get_xdata(), [1.0, 2.0])
+    np.testing.assert_array_equal(left.lines[0].get_ydata(), simulated.apex[::-1])
+    for line, index in zip(right.lines, (1, 0), strict=True):
+        assert line.get_xdata()[[0, -1]] == pytest.approx([-100.0, 100.0])
+        assert line.get_ydata().max() == pytest.approx(simulated.apex[index])
+        # at the clamp stands what is left of the mesh's error
+        assert abs(line.get_ydata()[[0, -1]]).max() < simulated.mesh_error
+    assert json.loads(json.dumps(simulated.to_dict()))["apex_mm"] == simulated.apex.tolist()
+    assert simulated._repr_html_().startswith("<pre>Simulation(2 shapes")
+
+
+def test_fields_for_xarray(simulated, predicted, measured, found):
+    pytest.importorskip("xarray")
+    shapes = simulated.to_xarray().sel(component="dz")
+    np.testing.assert_array_equal(shapes.max("node"), simulated.displacement[..., 2].max(axis=1))
+    assert shapes.pressure_bar.values.tolist() == [2.0, 1.0]
+    seen = predicted.to_xarray()
+    np.testing.assert_array_equal(seen, predicted.displacement)
+    assert seen.dims == ("frame", "point", "component")
+    assert json.loads(json.dumps(predicted.to_dict()))["stable"] == [True] * len(seen)
+    bent = measured.to_xarray("curvature_xx_1_per_mm")
+    np.testing.assert_array_equal(bent, measured.surface.curvature[..., 0])
+    assert bent.attrs["units"] == "1/mm"
+    np.testing.assert_array_equal(measured.to_xarray(), measured.surface.stress)
+    with pytest.raises(InputError, match="field 'x_mm' is unknown; choose from strain_xx_1"):
+        measured.to_xarray("x_mm")
+    left = found.to_xarray()
+    (data,) = [p.data for p in found.prepared]
+    fit = found.explanation.final.predictions[0].displacement
+    expected = np.where(data.used, data.specimen.measured - fit, np.nan)
+    np.testing.assert_array_equal(left.sel(model="with causes"), expected)
+    spread = np.sqrt((left**2).mean(("frame", "point", "component")))
+    assert spread.sel(model="with causes") < 0.2 * spread.sel(model="moduli alone")
+    with pytest.raises(InputError, match="no test 1; give 0 to 0"):
+        found.to_xarray(1)
+
+
+def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate, trial_answer):
     batch = bulgefit.batch_of([fit_found])
-    for result in (folds, fit_found, batch, bulgefit.evaluate(plate, MODULI)):
+    for result in (folds, fit_found, batch, trial_answer, bulgefit.evaluate(plate, MODULI)):
         assert len(repr(result).splitlines()) < 30
         assert max(len(line) for line in repr(result).splitlines()) < 140
         assert result._repr_html_().startswith("<pre>")
@@ -146,7 +242,8 @@ def test_text_of_results_is_a_screen_and_escaped(folds, fit_found, plate):
     assert f"{fit_found.material.values['E1']:.5g}" in repr(batch)
 
 
-def test_they_are_json_still(folds, plate):
-    assert json.loads(json.dumps(folds)) == folds == folds.to_dict()
+def test_they_are_json_still(folds, plate, trial_answer):
+    for result in (folds, trial_answer):
+        assert json.loads(json.dumps(result)) == result == result.to_dict()
     evaluation = bulgefit.evaluate(plate, MODULI)
     assert json.loads(json.dumps(evaluation)) == evaluation

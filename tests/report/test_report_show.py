@@ -98,6 +98,10 @@ def test_pictures(opengl, field, tmp_path):
     )
     panels = 1 if field == "residual_dz" else 3
     assert image.shape[1] == 720 * panels
+    for panel in np.split(image, panels, axis=1):
+        # nothing is cut off, also no title of an axis
+        assert (panel[:, :8] == 255).all()
+        assert (panel[:, -8:] == 255).all()
     for panel in np.split(image, panels, axis=1)[:2]:
         # a surface, of colour, in the middle of each
         middle = panel[250:450, 200:500].astype(float)

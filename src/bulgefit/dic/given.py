@@ -8,7 +8,7 @@ from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.readers import read_test
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, kind_of
 
 __all__ = ["GivenTest", "GivenTests", "given_test", "given_tests"]
 
@@ -33,8 +33,8 @@ def given_test(test: Any) -> BulgeTest:
     if isinstance(test, (str, os.PathLike)):
         return read_test(test)
     raise InputError(
-        f"a bulge test or the path of one is needed, not {_kind(test)}; read_test reads files, and "
-        "BulgeTest.from_arrays makes tests"
+        f"a bulge test or the path of one is needed, not {kind_of(test)}; read_test reads files, "
+        "and BulgeTest.from_arrays makes tests"
     )
 
 
@@ -53,7 +53,3 @@ def given_tests(tests: Any) -> list[BulgeTest]:
     if isinstance(tests, (BulgeTest, str, os.PathLike)) or not isinstance(tests, Iterable):
         return [given_test(tests)]
     return [given_test(test) for test in tests]
-
-
-def _kind(value: Any) -> str:
-    return "None" if value is None else f"a value of type {type(value).__name__}"

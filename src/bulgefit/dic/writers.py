@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import io
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError
-from bulgefit.files import atomic_write_bytes, check_output
+from bulgefit.errors import InputError, needed
+from bulgefit.files import as_path, atomic_write_bytes, check_output
 
 __all__ = ["write_test"]
 
@@ -48,9 +47,10 @@ def write_test(test: BulgeTest, path: str | os.PathLike[str], *, force: bool = F
         The suffix is unknown, the file exists, or it cannot be written.
     """
     encoders = {".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5}
-    suffix = Path(path).suffix.lower()
+    suffix = as_path(path).suffix.lower()
     if suffix not in encoders:
         raise InputError(f"{path}: a test is written as {', '.join(encoders)}; choose one of them")
+    needed(test, BulgeTest, "a bulge test")
     check_output(path, force)
     # encoded in memory first: a full disk is then one plain error, not one inside an archive
     atomic_write_bytes(path, encoders[suffix](_arrays(test)), force)

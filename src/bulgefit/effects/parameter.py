@@ -119,6 +119,8 @@ class Parameter:
     governor : str or None
         Another of the effect's parameters, where which is at its null this one means nothing: a
         lift's amplitude governs its direction.
+    period : float or None
+        What values may differ by and be the same; None: each is another.
     """
 
     name: str
@@ -133,6 +135,7 @@ class Parameter:
     coordinate: Literal["linear", "log", "square"] = "linear"
     origin: float | None = None
     governor: str | None = None
+    period: float | None = None
 
     @property
     def begins_at_null(self) -> bool:

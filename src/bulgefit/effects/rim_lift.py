@@ -44,6 +44,7 @@ class RimLift(Effect):
             reason="any side may lift",
             step=1e-3,
             governor="amplitude",
+            period=360.0,
         ),
         Parameter(
             "shape",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from bulgefit.dic.frames import dataframe
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, needed
 from bulgefit.fitting.result import FitResult
 from bulgefit.shown import Drawn
 
@@ -18,6 +18,8 @@ __all__ = ["SCATTERED", "Batch", "Spread", "batch_of", "spread_of"]
 
 #: Probability below which what the standard errors say of the scatter is not believed.
 SCATTERED = 0.05
+
+_FIT = "what bulgefit.fit gives"
 
 
 @dataclass(frozen=True)
@@ -197,6 +199,7 @@ def batch_of(fits: Sequence[FitResult]) -> Batch:
     InputError
         No fits, or fits of different parameters.
     """
+    fits = [needed(fit, FitResult, _FIT) for fit in needed(fits, Iterable, f"a list of {_FIT}")]
     if not fits:
         raise InputError("a batch needs a fit")
     free = {p.name: p.unit for p in fits[0].free}

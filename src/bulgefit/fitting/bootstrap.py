@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.frames import dataframe
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import BulgefitError, InputError
@@ -24,7 +25,7 @@ from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.result import FitResult
-from bulgefit.shown import Shown
+from bulgefit.shown import Drawn
 
 __all__ = ["Bootstrap", "bootstrap"]
 
@@ -35,7 +36,7 @@ _DRAWS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Bootstrap(Shown):
+class Bootstrap(Drawn):
     """Parameters of the refits.
 
     Attributes
@@ -84,6 +85,10 @@ class Bootstrap(Shown):
                 for i, p in enumerate(self.free)
             },
         }
+
+    def to_dataframe(self) -> Any:
+        """A row a refit: its free parameters; needs `bulgefit[pandas]`."""
+        return dataframe({p.name: self.values[:, i] for i, p in enumerate(self.free)})
 
     def __repr__(self) -> str:
         return self.report()

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.frames import dataframe
+from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.dic.suspicions import alarms
+from bulgefit.errors import InputError
 from bulgefit.fitting.result import describe_tests, versions
 from bulgefit.gap.as_json import (
     cells_dict,
@@ -101,6 +104,31 @@ class Diagnosis(Drawn):
                 rows[f"{cause.effect}.{name}"] = {**found, "probability": cause.probability}
         columns = ("value", "stderr", "unit", "probability")
         return dataframe({c: [row[c] for row in rows.values()] for c in columns}, index=list(rows))
+
+    def to_xarray(self, test: int = 0) -> Any:
+        """Measured minus modelled (mm) of a test by model, frame, point and component.
+
+        Models are the moduli alone and the one with the causes; NaN where a point was not used.
+        Needs `bulgefit[xarray]`.
+        """
+        if test not in range(len(self.prepared)):
+            raise InputError(f"no test {test!r}; give 0 to {len(self.prepared) - 1}")
+        data = self.prepared[test].data
+        found, seen = self.explanation, data.specimen
+        left = [seen.measured - fit.predictions[test].displacement
+                for fit in (found.baseline, found.final)]  # fmt: skip
+        return labelled(
+            np.where(data.used, np.stack(left), np.nan),
+            ("model", "frame", "point", "component"),
+            {
+                "model": ["moduli alone", "with causes"],
+                "component": ["dx", "dy", "dz"],
+                "pressure_bar": ("frame", 10.0 * seen.recorded),
+                **{f"{a}_mm": ("point", seen.reference[:, i]) for i, a in enumerate("xyz")},
+            },
+            name="residual",
+            unit="mm",
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The diagnosis as JSON types."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Parameter
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, needed
 from bulgefit.fem.elasticity import (
     isotropic_constants,
     orthotropic_stiffness,
@@ -176,7 +176,7 @@ def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
 
 def parameters_of(kind: str) -> tuple[Parameter, ...]:
     """Parameters of a kind of material; raises InputError for an unknown kind."""
-    if kind not in MATERIALS:
+    if needed(kind, str, "the name of a material") not in MATERIALS:
         raise InputError(f"material: {kind!r} is unknown; choose from {', '.join(MATERIALS)}")
     return MATERIALS[kind]
 

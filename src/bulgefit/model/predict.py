@@ -61,6 +61,22 @@ class Predicted(Drawn):
         )
         return replace(self.test, blocks=blocks, static_displacement=None, source="", checksum="")
 
+    def to_dict(self) -> dict[str, Any]:
+        """Which frames, and how well they are known, as JSON types; `blocks` alone have fields."""
+        return {
+            "name": self.test.name,
+            "pressure_bar": (10.0 * self.test.pressure).tolist(),
+            "stable": self.stable.tolist(),
+            "mesh_error_mm": None if self.mesh_error is None else self.mesh_error.tolist(),
+        }
+
+    def to_xarray(self) -> Any:
+        """Displacement (mm) by frame, point and component, also where nothing was measured.
+
+        Of a test of one block; needs `bulgefit[xarray]`.
+        """
+        return self.test.to_xarray().copy(data=self.displacement)
+
     def to_dataframe(self) -> Any:
         """A row a measured point and frame: measured, and `model_dx_mm` and so on beside it.
 

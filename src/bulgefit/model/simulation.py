@@ -6,11 +6,13 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.effects.registry import acting
 from bulgefit.errors import InputError
 from bulgefit.fem.laws import LAWS
@@ -27,6 +29,7 @@ from bulgefit.model.parameters import Material, as_effects, as_values, material
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.shown import Drawn
 
 __all__ = ["BALANCED_UP_TO", "Simulation", "simulate"]
 
@@ -37,7 +40,7 @@ BALANCED_UP_TO = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(Drawn):
     """Shapes of a membrane under pressures.
 
     Attributes
@@ -102,6 +105,38 @@ class Simulation:
     def apex(self) -> Floats:
         """(k,) array, mm: dz of the node nearest the centre."""
         return np.asarray(self.displacement[:, self.mesh.apex, 2])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Pressures, apex and how well they are known, as JSON types."""
+        return {
+            "law": self.membrane.law,
+            "parameters": dict(self.material.values),
+            "pressure_bar": (10.0 * self.pressure).tolist(),
+            "apex_mm": self.apex.tolist(),
+            "wrinkled": self.wrinkled.tolist(),
+            "stable": self.stable,
+            "error_mm": self.error,
+            "mesh_error_mm": self.mesh_error,
+        }
+
+    def to_dataframe(self) -> Any:
+        """A row a pressure: apex and wrinkled Gauss points; needs `bulgefit[pandas]`."""
+        columns = {"pressure_bar": 10.0 * self.pressure, "apex_mm": self.apex}
+        return dataframe({**columns, "wrinkled": self.wrinkled})
+
+    def to_xarray(self) -> Any:
+        """Displacement (mm) by shape, node and component; needs `bulgefit[xarray]`."""
+        return labelled(
+            self.displacement,
+            ("shape", "node", "component"),
+            {
+                "component": ["dx", "dy", "dz"],
+                "pressure_bar": ("shape", 10.0 * self.pressure),
+                **{f"{a}_mm": ("node", self.membrane.reference[:, i]) for i, a in enumerate("xyz")},
+            },
+            name="displacement",
+            unit="mm",
+        )
 
     def cell_fields(self, index: int) -> dict[str, Floats]:
         """Means over the cells at one pressure, in material axes (1 = warp, 2 = fill).

@@ -12,6 +12,7 @@ from bulgefit.report import _figure
 from bulgefit.report._diagnosis_parts import (
     COMPONENTS,
     SIGNED,
+    acting_on,
     colour_bar,
     data_of,
     draw_points,
@@ -46,7 +47,7 @@ def plot_component(
     modelled = found.final.predictions[index].displacement[frames, :, component]
     labels = {"moduli alone": found.baseline}
     if found.groups:
-        labels[with_causes(diagnosis, 1)] = found.final
+        labels[with_causes(diagnosis, index, 1)] = found.final
     residuals = [residual_of(data, f, index)[frames, :, component] for f in labels.values()]
 
     columns = [measured, modelled, *residuals]
@@ -56,7 +57,7 @@ def plot_component(
     panels = figure.subplots(len(frames), len(columns), squeeze=False)
     spans = [_span(component, measured, modelled)] * 2
     spans += [(-limit_of(r), limit_of(r), SIGNED) for r in residuals]
-    titles = ["measured", "modelled,\n" + with_causes(diagnosis, 1)]
+    titles = ["measured", "modelled,\n" + with_causes(diagnosis, index, 1)]
     titles += [f"measured - modelled,\n{label}" for label in labels]
     drawn = []
     for column, (values, span, title) in enumerate(zip(columns, spans, titles, strict=True)):
@@ -101,13 +102,14 @@ def plot_signatures(
     *,
     force: bool = False,
 ) -> Any:
-    """Maps of what each leading effect adds to the model, beside the residual it found.
+    """Maps of what each leading effect of a test adds to its model, beside the residual it found.
 
     None where there is none.
     """
     from matplotlib.figure import Figure
 
-    steps = diagnosis.explanation.steps[:MOST_EFFECTS]
+    # another specimen's effect moves this one's model by what it does to the moduli alone
+    steps = [s for s in diagnosis.explanation.steps if acting_on(s.groups, index)][:MOST_EFFECTS]
     if not steps:
         return None
     data = data_of(diagnosis)[index]
@@ -116,7 +118,8 @@ def plot_signatures(
     figure = Figure(figsize=(2.35 * width + 1.2, 7.6 * len(steps) + 0.5), layout="constrained")
     blocks = figure.subfigures(len(steps), 1, hspace=0.03, squeeze=False)
     for block, step in zip(blocks[:, 0], steps, strict=True):
-        block.suptitle(step.name, fontsize=_figure.FONT + 2, fontweight="bold")
+        name = " + ".join(acting_on(step.groups, index))
+        block.suptitle(name, fontsize=_figure.FONT + 2, fontweight="bold")
         panels = block.subplots(3, width)
         before = residual_of(data, step.before, index)[frames]
         after = residual_of(data, step.after, index)[frames]
@@ -128,7 +131,7 @@ def plot_signatures(
             limit = limit_of(fields[0], fields[1])
             for k, frame in enumerate(frames):
                 bar = f"{10.0 * data.specimen.recorded[frame]:.3g} bar"
-                titles = ("residual before", f"what {step.name} adds", "what is left")
+                titles = ("residual before", f"what {name} adds", "what is left")
                 for place, (title, field) in enumerate(zip(titles, fields, strict=True)):
                     panel = row[3 * k + place]
                     drawn = draw_points(panel, data, field[k], -limit, limit, SIGNED)

@@ -60,7 +60,7 @@ def plot_where(
             figure, colours, row, f"mean of {component},\nmeasured - modelled (mm)", "neither",
             aspect=18,
         )  # fmt: skip
-    model = with_causes(diagnosis) if after else "moduli alone"
+    model = with_causes(diagnosis, index) if after else "moduli alone"
     figure.suptitle(
         f"{name}: where the gap lies, {model}\n"
         f"numbers: mean over its standard error, bold from {SIGNIFICANT:g} on; "
@@ -146,15 +146,14 @@ def plot_modes(
     data = data_of(diagnosis)[index]
     rows = [("moduli alone", azimuthal_modes([data], _only(diagnosis, index, final=False)))]
     if diagnosis.explanation.groups:
-        rows.append(
-            (with_causes(diagnosis), azimuthal_modes([data], _only(diagnosis, index, final=True)))
-        )
+        left = azimuthal_modes([data], _only(diagnosis, index, final=True))
+        rows.append((with_causes(diagnosis, index), left))
     figure = Figure(figsize=(14, 4.4 * len(rows) + 1.0), layout="constrained")
     panels = figure.subplots(len(rows), 3, squeeze=False)
     for row, (label, modes) in zip(panels, rows, strict=True):
         for panel, component in zip(row, ("radial", "hoop", "dz"), strict=True):
             _draw_modes(panel, [m for m in modes if m.component == component])
-            panel.set_title(f"{component}, {label}", fontsize=_figure.FONT)
+            panel.set_title(f"{component},\n{label}", fontsize=_figure.FONT)
             panel.set_ylabel("amplitude (mm)", fontsize=_figure.FONT)
             panel.set_xlabel("pressure (bar)", fontsize=_figure.FONT)
     figure.suptitle(

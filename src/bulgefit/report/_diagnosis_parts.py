@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.regress import Regression
@@ -16,6 +17,7 @@ from bulgefit.report import _figure
 __all__ = [
     "COMPONENTS",
     "SIGNED",
+    "acting_on",
     "colour_bar",
     "data_of",
     "draw_points",
@@ -42,9 +44,14 @@ def data_of(diagnosis: Diagnosis) -> list[Data]:
     return [p.data for p in diagnosis.prepared]
 
 
-def with_causes(diagnosis: Diagnosis, most: int = 2) -> str:
-    """What the final model holds, for titles."""
-    effects = [str(group) for group in diagnosis.explanation.groups]
+def acting_on(groups: Iterable[Owned], index: int) -> list[str]:
+    """Effects of a test among groups: the cloth's, and its own."""
+    return [group.effect for group in groups if group.specimen in (None, index)]
+
+
+def with_causes(diagnosis: Diagnosis, index: int, most: int = 2) -> str:
+    """What the final model of a test holds, for titles."""
+    effects = acting_on(diagnosis.explanation.groups, index)
     if not effects:
         return "moduli alone"
     more = f" and {len(effects) - most} more" if len(effects) > most else ""

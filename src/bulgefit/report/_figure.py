@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError
-from bulgefit.files import atomic_write_bytes, check_output
+from bulgefit.errors import InputError, needed
+from bulgefit.files import as_path, atomic_write_bytes, check_output
 
 __all__ = [
     "FONT",
@@ -36,7 +37,7 @@ _FORMATS = {".png": {"Software": None}, ".pdf": {"CreationDate": None}, ".svg": 
 
 def figure_target(path: str | os.PathLike[str], force: bool) -> Path:
     """Refuse a figure that cannot be written, before it is drawn."""
-    suffix = Path(path).suffix.lower()
+    suffix = as_path(path).suffix.lower()
     if suffix not in _FORMATS:
         raise InputError(f"{path}: a figure ends in {', '.join(_FORMATS)}")
     return check_output(path, force)
@@ -115,7 +116,8 @@ def _as_written(figure: Any) -> None:
 def check_prediction(test: BulgeTest, prediction: tuple[NDArray[np.floating], ...]) -> None:
     """Refuse a prediction whose arrays do not match the blocks of the test."""
     ours = [block.displacement.shape for block in test.blocks]
-    theirs = [np.shape(array) for array in prediction]
+    given = needed(prediction, Iterable, "what bulgefit.predict(...).blocks has")
+    theirs = [np.shape(array) for array in given]
     if ours != theirs:
         raise InputError(
             f"prediction: its arrays {theirs} must match the blocks of {test.name}, {ours}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import BulgefitError
 
-__all__ = ["INK", "PAPER", "add_text", "plotter", "png", "require_opengl"]
+__all__ = ["INK", "PAPER", "add_text", "picture", "plotter", "png", "require_opengl"]
 
 INK, PAPER = "black", "white"
 
@@ -50,6 +50,12 @@ def plotter(**options: Any) -> Iterator[Any]:
 def add_text(drawn: Any, text: str, position: tuple[float, float]) -> None:
     """Write into the panel, at a part of its width and height."""
     drawn.add_text(text, position=position, viewport=True, font_size=11, color=INK)
+
+
+def picture(drawn: Any) -> NDArray[np.uint8]:
+    """What was drawn, (rows, columns, 3), kept where PyVista's scraper for Sphinx looks for it."""
+    drawn.last_image = drawn.screenshot(return_img=True)
+    return np.asarray(drawn.last_image)
 
 
 def png(image: NDArray[np.uint8]) -> bytes:

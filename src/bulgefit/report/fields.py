@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.files import atomic_write_bytes, check_output
+from bulgefit.errors import InputError
+from bulgefit.files import as_path, atomic_write_bytes, check_output
 from bulgefit.report import _off_screen
 
 __all__ = ["plot_fields"]
+
+Floats = NDArray[np.float64]
 
 _SIZE = (1500, 900)
 
@@ -43,9 +46,11 @@ def plot_fields(
     BulgefitError
         The machine has no OpenGL to draw with.
     InputError
-        The file cannot be written.
+        The arrays do not match, or the file cannot be written.
     """
-    check_output(path, force)
+    target = as_path(path)
+    nodes, cells, displacement = _checked(nodes, cells, displacement)
+    check_output(target, force)
     _off_screen.require_opengl()
     import pyvista
 
@@ -57,8 +62,26 @@ def plot_fields(
         for place, axis in enumerate("xy"):
             plotter.subplot(place + 1)
             _draw_from_above(plotter, surface.copy(), np.abs(displacement[:, place]), axis)
-        image = plotter.screenshot(return_img=True)
+        image = _off_screen.picture(plotter)
     atomic_write_bytes(path, _off_screen.png(image), force)
+
+
+def _checked(nodes: Any, cells: Any, displacement: Any) -> tuple[Floats, Any, Floats]:
+    """The three as arrays, where they are those of one mesh."""
+    try:
+        at, moved = (np.asarray(given, dtype=float) for given in (nodes, displacement))
+        joined = np.asarray(cells, dtype=np.int64)
+    except (TypeError, ValueError):
+        raise InputError("nodes, cells and displacement must be arrays of numbers") from None
+    shapes = at.shape, joined.shape, moved.shape
+    count, cell_count = at.size // 2, joined.size // 4
+    if not cell_count or shapes != ((count, 2), (cell_count, 4), (count, 3)):
+        raise InputError(
+            f"nodes (n, 2), cells (m, 4) and displacement (n, 3) are needed, not arrays of {shapes}"
+        )
+    if joined.min() < 0 or joined.max() >= count:
+        raise InputError(f"cells name nodes 0 to {count - 1}; these name {joined.max()}")
+    return at, joined, moved
 
 
 def _draw_shape(plotter: Any, surface: Any, dz: NDArray[np.float64], title: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError
-from bulgefit.files import atomic_path, atomic_write_bytes, check_output
+from bulgefit.files import as_path, atomic_path, atomic_write_bytes, check_output
 
 __all__ = ["FILMS", "check_film", "write_film"]
 
@@ -23,7 +23,7 @@ _EACH, _LAST = 120, 1200
 
 def check_film(path: str | os.PathLike[str], force: bool = False) -> None:
     """Refuse a film that cannot be written, before its pictures are drawn."""
-    suffix = Path(path).suffix.lower()
+    suffix = as_path(path).suffix.lower()
     if suffix not in FILMS:
         raise InputError(f"{path}: give a name that ends in {' or '.join(FILMS)}")
     check_output(path, force)

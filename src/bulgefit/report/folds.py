@@ -6,10 +6,13 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+from bulgefit.errors import InputError, needed
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
 
 __all__ = ["plot_folds"]
+
+_FOLDS = "what bulgefit.crossval gives"
 
 
 def plot_folds(
@@ -39,6 +42,8 @@ def plot_folds(
     InputError
         The file cannot be written.
     """
+    if "folds" not in needed(folds, Mapping, _FOLDS):
+        raise InputError(f"{_FOLDS} is needed: this mapping has no folds")
     each = folds["folds"]
     names = list(each[0]["parameters"])
     size = (2.6 + 2.8 * (len(names) + 1), 1.6 + 0.35 * len(each))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.surface.local import Surface
 from bulgefit.dic.surface.measured import Measured
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, needed
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS, PRESSURES
 
@@ -20,6 +20,7 @@ Floats = NDArray[np.floating]
 
 #: Standard errors that bars show.
 _BARS = 2.0
+_MEASURED = "what bulgefit.measure gives"
 _BARRED = "bars: two standard errors"
 
 
@@ -161,6 +162,7 @@ def plot_measured(
     InputError
         There is no such frame, or the file cannot be written.
     """
+    needed(measured, Measured, _MEASURED)
     at = _figure.frame_index(frame, len(measured.pressure))
     figure, panels = _figure.panels(path, force, (12.5, 7.2), 2, 4)
     for panel, (name, values) in zip(panels.ravel(), _maps(measured.surface, at), strict=True):
@@ -201,8 +203,10 @@ def _map(figure: Any, panel: Any, points: Floats, values: Floats, name: str) -> 
 
 def _check_model(measured: Measured, model: Measured | None) -> None:
     """Refuse what was not measured at the same places by the same windows."""
+    needed(measured, Measured, _MEASURED)
     if model is None:
         return
+    needed(model, Measured, _MEASURED)
     ours, theirs = ((m.window, m.pressure.tolist(), m.rings.radius.tolist())
                     for m in (measured, model))  # fmt: skip
     if ours != theirs:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.files import atomic_write_bytes, atomic_write_text, check_output
+from bulgefit.dic.given import GivenTest, given_test
+from bulgefit.errors import needed
+from bulgefit.files import as_path, atomic_write_bytes, atomic_write_text, check_output
+from bulgefit.model.simulation import Simulation
 from bulgefit.report.cloud import FIELDS, Cloud
-
-if TYPE_CHECKING:
-    from bulgefit.model.simulation import Simulation
 
 __all__ = ["piece_names", "write_paraview", "write_test_paraview"]
 
@@ -27,7 +26,7 @@ _FEWEST_POINTS = 4
 
 def piece_names(path: str | os.PathLike[str], count: int) -> list[Path]:
     """The .vtu files beside NAME.pvd: NAME_0000.vtu, NAME_0001.vtu, ..."""
-    pvd = Path(path)
+    pvd = as_path(path)
     return [pvd.with_name(f"{pvd.stem}_{i:04d}.vtu") for i in range(count)]
 
 
@@ -48,12 +47,13 @@ def write_paraview(
     force : bool
         Whether files that exist may be replaced.
     """
+    needed(simulation, Simulation, "what bulgefit.simulate gives")
     order = np.argsort(simulation.pressure, kind="stable").tolist()
     _write(path, simulation.pressure, order, lambda i: _grid(simulation, i), force)
 
 
 def write_test_paraview(
-    test: BulgeTest,
+    test: GivenTest,
     path: str | os.PathLike[str],
     *,
     prediction: Sequence[NDArray[np.floating]] | None = None,
@@ -69,7 +69,7 @@ def write_test_paraview(
 
     Parameters
     ----------
-    test : BulgeTest
+    test : BulgeTest or path
         Frames whose points make no surface are left out.
     path : path
         NAME.pvd; the .vtu files NAME_0000.vtu, ... stand beside it.
@@ -85,6 +85,7 @@ def write_test_paraview(
     InputError
         A prediction of another test, or files that cannot be written.
     """
+    test = given_test(test)
     cloud = Cloud(test, None if prediction is None else tuple(prediction), window)
     order = np.argsort(test.pressure, kind="stable").tolist()
     shown = [i for i in order if len(cloud.part(i)[0]) >= _FEWEST_POINTS]

@@ -11,9 +11,11 @@ from bulgefit.dic.surface.measured import Measured
 from bulgefit.errors import InputError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.batch import Batch, batch_of
+from bulgefit.fitting.bootstrap import Bootstrap
 from bulgefit.fitting.result import FitResult
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.model.predict import Predicted, predict
+from bulgefit.model.simulation import Simulation
 from bulgefit.report._diagnosis_charts import plot_budget, plot_cosines
 from bulgefit.report._diagnosis_fields import plot_component, plot_signatures
 from bulgefit.report._diagnosis_maps import plot_modes, plot_where
@@ -22,8 +24,12 @@ from bulgefit.report.folds import plot_folds
 from bulgefit.report.measured import plot_apex, plot_measured, plot_rings
 from bulgefit.report.profiles import plot_profiles
 from bulgefit.report.record import record_of
+from bulgefit.report.refits import plot_refits
 from bulgefit.report.residuals import plot_residuals
+from bulgefit.report.shapes import plot_shapes
 from bulgefit.report.spreads import plot_spreads
+from bulgefit.report.trials import plot_reliability, plot_shares, plot_sizes
+from bulgefit.trial.answer import TrialAnswer
 
 __all__ = ["plot"]
 
@@ -50,11 +56,14 @@ def plot(result: Any, kind: str | None = None, **how: Any) -> Any:
     `fit`                `parameters` with their 95 % intervals; `profiles` and `residuals` of
                          `test=`, a test or its path, the fit's `index=` (0)
     `batch_of`           `parameters` of all specimens
+    `bootstrap`          `parameters` of all refits
     `crossval`           `folds`
+    `simulate`           `shapes`
     `predict`            `profiles`, `residuals`
     `measure`            `apex`, `rings`, beside a `model=` too; `fields` of `frame=` (the last)
     `diagnose`           `budget`, `cosines`; of `test=` (0): `where` (`after=True`), `modes`,
                          `signatures`, `dx`, `dy`, `dz`
+    `run_trial`          `shares`, `sizes`, `reliability`
     ===================  ==========================================================================
 
     Parameters
@@ -97,7 +106,7 @@ def _kinds_of(result: Any) -> _Kinds:
             return kinds(result)
     raise InputError(
         f"plot: {type(result).__name__} is no result that has figures; give that of fit, batch_of, "
-        "crossval, predict, measure or diagnose"
+        "bootstrap, crossval, predict, simulate, measure, diagnose or run_trial"
     )
 
 
@@ -154,8 +163,15 @@ def _of_diagnosis(result: Diagnosis) -> _Kinds:
 _RESULTS: dict[type, Callable[[Any], _Kinds]] = {
     FitResult: _of_fit,
     Batch: lambda result: {"parameters": _Kind(partial(plot_spreads, result))},
+    Bootstrap: lambda result: {"parameters": _Kind(partial(plot_refits, result))},
+    Simulation: lambda result: {"shapes": _Kind(partial(plot_shapes, result))},
     CrossValidation: lambda result: {"folds": _Kind(partial(plot_folds, result))},
     Predicted: _of_prediction,
     Measured: _of_measured,
     Diagnosis: _of_diagnosis,
+    TrialAnswer: lambda result: {
+        "shares": _Kind(partial(plot_shares, result)),
+        "sizes": _Kind(partial(plot_sizes, result)),
+        "reliability": _Kind(partial(plot_reliability, result)),
+    },
 }

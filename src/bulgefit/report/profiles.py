@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import needed
 from bulgefit.report import _figure
 
 __all__ = ["MARKERS", "plot_profiles"]
@@ -58,6 +59,7 @@ def plot_profiles(
     InputError
         The prediction does not match the test, or the file cannot be written.
     """
+    needed(test, BulgeTest, "a bulge test")
     _figure.check_prediction(test, prediction)
     figure, panels = _figure.panels(path, force, (13.0, 8.0), 2, 2)
     reaches = []

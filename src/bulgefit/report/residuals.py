@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import needed
 from bulgefit.report import _figure
 
 __all__ = ["plot_residuals"]
@@ -63,6 +64,7 @@ def plot_residuals(
 
     if path is not None:
         _figure.figure_target(path, force)
+    needed(test, BulgeTest, "a bulge test")
     _figure.check_prediction(test, prediction)
     frames = _frames(test, prediction)
     figure = Figure(figsize=(11, 3.4 * len(frames) + 1.4), layout="constrained")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.errors import InputError
-from bulgefit.files import atomic_write_bytes, check_output
+from bulgefit.files import as_path, atomic_write_bytes, check_output
 from bulgefit.report import _figure, _off_screen
 from bulgefit.report.cloud import RESIDUALS, Cloud, is_signed
 from bulgefit.report.films import check_film, write_film
@@ -77,7 +77,7 @@ def show(
         The machine has no OpenGL to draw with.
     """
     if path is not None:
-        if not os.fspath(path).lower().endswith(".png"):
+        if as_path(path).suffix.lower() != ".png":
             raise InputError(f"{path}: give a name that ends in .png")
         check_output(path, force)
     test = given_test(test)
@@ -176,7 +176,7 @@ def _draw(
             _off_screen.add_text(plotter, f"{cloud.test.name}, {pressure}", (0.03, 0.94))
             shown = title if unit == "1" else f"{title} ({unit})"
             _off_screen.add_text(plotter, shown, (0.03, 0.885))
-        return np.asarray(plotter.screenshot(return_img=True))
+        return _off_screen.picture(plotter)
 
 
 def _surface(cloud: Cloud, frame: int, name: str, *, modelled: bool) -> Any:
@@ -225,4 +225,4 @@ def _add(
     # the same view of every frame, whatever its height
     plotter.camera_position = [(1.0, -1.7, 1.3), (0, 0, 0), (0, 0, 1)]
     plotter.reset_camera(bounds=(*box[:4], -high, high))
-    plotter.camera.zoom(1.08)
+    plotter.camera.zoom(0.92)  # so far away that the axes' titles are in the picture

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bulgefit.errors import needed
 from bulgefit.fitting.batch import Batch
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
@@ -44,6 +45,7 @@ def plot_spreads(
     InputError
         The file cannot be written.
     """
+    needed(batch, Batch, "what bulgefit.batch_of gives")
     count = len(batch.spreads)
     size = (1.5 + 3.5 * count, 1.5 + 0.3 * len(batch.fits))
     figure, (panels,) = _figure.panels(path, force, size, 1, count)

@@ -30,6 +30,7 @@ from bulgefit.files import atomic_write_text
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
+from bulgefit.trial.answer import TrialAnswer
 from bulgefit.trial.family import make_family
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe, make_test
@@ -61,7 +62,7 @@ def run_trial(
     executor: Executor | None = None,
     resume: bool = False,
     say: Callable[[str], None] = lambda line: None,
-) -> dict[str, Any]:
+) -> TrialAnswer:
     """Make tests, seal their truth, diagnose them blind, open and score.
 
     The folder gets `trial.json` (what was asked), `tests/*.npz` (of a family one for each
@@ -95,8 +96,9 @@ def run_trial(
 
     Returns
     -------
-    dict
-        `scores` (see `bulgefit.trial.score.score`), `tests` (a line each) and `meta`.
+    TrialAnswer
+        A dict of `scores` (see `bulgefit.trial.score.score`), `tests` (a line each) and `meta`,
+        with `report`, `plot`, `to_dict` and `to_dataframe`.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def _recipes(recipe: Recipe, number: int, seed: int, *, whole: bool) -> list[Rec
     return [replace(recipe, audible=True, interpolated=i in mixed) for i in range(number)]
 
 
-def score_folder(output: str | Path) -> dict[str, Any]:
+def score_folder(output: str | Path) -> TrialAnswer:
     """Score the answers that a folder holds: of a trial that was interrupted, say.
 
     Parameters
@@ -147,7 +149,7 @@ def score_folder(output: str | Path) -> dict[str, Any]:
 
     Returns
     -------
-    dict
+    TrialAnswer
         As `run_trial`, over the tests that were answered; `meta` says how many.
 
     Raises
@@ -228,14 +230,14 @@ def _scored(
     seals: Mapping[str, str],
     answers: Mapping[str, dict[str, Any]],
     seconds: float,
-) -> dict[str, Any]:
+) -> TrialAnswer:
     """Open the truths of sealed tests and score their answers."""
     records = _records(folder, asked, seals, answers)
-    return {
-        "scores": score(records),
-        "tests": [judge(record) for record in records],
-        "meta": {**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
-    }
+    return TrialAnswer(
+        scores=score(records),
+        tests=[judge(record) for record in records],
+        meta={**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
+    )
 
 
 def _records(

@@ -7,29 +7,30 @@ from typing import Any
 
 from bulgefit.trial.shares import share_text
 
-__all__ = ["report"]
+__all__ = ["report", "shares_in_words"]
+
+#: Shares of a trial's scores in words, parts of the one above set in, with whether more is better.
+_SHARES = (
+    ("found", "effects named, or in a set of at most two", True),
+    ("found_several", "  of tests with three causes and more", True),
+    ("families", "  of families", True),
+    ("causes_found", "causes found, alone or in a set of two", True),
+    ("causes_false", "sure causes that are not there", False),
+    ("false_alarms", "false alarms on clean tests", False),
+    ("foreign_unknown", "foreign effects answered unknown or partial", True),
+    ("places", "foreign effects at their place", True),
+    ("spots", "  at their spot, where they have one", True),
+    ("false_fields", "tests with a field where nothing foreign is", False),
+    ("laws", "laws of families met", True),
+    ("struck_right", "effects struck from the catalogue, not misnamed", True),
+)
 
 
 def report(scores: Mapping[str, Any]) -> str:
     """The figures as a table of text."""
     lines = [f"{scores['tests']} made tests, {scores['failed']} diagnoses failed"]
-    shares = {**scores, **{f"causes_{k}": scores["causes"][k] for k in ("found", "false")}}
-    for key, words in (
-        ("found", "effects named, or in a set of at most two"),
-        ("found_several", "  of tests with three causes and more"),
-        ("families", "  of families"),
-        ("causes_found", "causes found, alone or in a set of two"),
-        ("causes_false", "sure causes that are not there"),
-        ("false_alarms", "false alarms on clean tests"),
-        ("foreign_unknown", "foreign effects answered unknown or partial"),
-        ("places", "foreign effects at their place"),
-        ("spots", "  at their spot, where they have one"),
-        ("false_fields", "tests with a field where nothing foreign is"),
-        ("laws", "laws of families met"),
-        ("struck_right", "effects struck from the catalogue, not misnamed"),
-    ):
-        if shares[key]["of"]:
-            lines.append(f"  {words:<50}{share_text(shares[key])}")
+    for told, words, _ in shares_in_words(scores):
+        lines.append(f"  {words:<50}{share_text(told)}")
     for key, words in (
         ("parameters", "parameters"),
         ("moduli", "moduli, of what is right,"),
@@ -51,6 +52,12 @@ def report(scores: Mapping[str, Any]) -> str:
         lines.append(f"  {'held-out gap <= 1.15 times the noise':<50}{share_text(held['closed'])}")
     parts = (_confusion_lines, _size_lines, _reliability_lines, _detectable_lines)
     return "\n\n".join("\n".join(part) for part in (lines, *(p(scores) for p in parts)) if part)
+
+
+def shares_in_words(scores: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], str, bool]]:
+    """Each share of which there is any, what it is, and whether more of it is better."""
+    shares = {**scores, **{f"causes_{k}": scores["causes"][k] for k in ("found", "false")}}
+    return [(shares[key], words, good) for key, words, good in _SHARES if shares[key]["of"]]
 
 
 def _confusion_lines(scores: Mapping[str, Any]) -> list[str]:

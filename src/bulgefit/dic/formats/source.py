@@ -5,14 +5,15 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from bulgefit.dic.formats.encoding import decode
 from bulgefit.dic.formats.table import Header, headers_of
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, needed
+from bulgefit.files import as_path
 
 __all__ = ["Head", "Place", "Source", "frame_name", "head_of", "natural", "source_of"]
 
@@ -104,7 +105,7 @@ def source_of(place: Place | Sequence[Place]) -> Source:
         Something does not exist, or is neither a file nor a folder.
     """
     if not isinstance(place, (str, os.PathLike)):
-        files = [Path(item) for item in place]
+        files = [as_path(item) for item in needed(place, Iterable, "a path, or a list of them,")]
         if not files:
             raise InputError("no files: give a file, a folder or a list of files")
         for file in files:

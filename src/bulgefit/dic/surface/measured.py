@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.frames import dataframe
+from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.dic.noise import Noise, noise_of
 from bulgefit.dic.rim_motion import rim_motions
 from bulgefit.dic.surface.choose import best_window
 from bulgefit.dic.surface.local import Surface, surface_of
 from bulgefit.dic.surface.rings import Rings, rings_of
-from bulgefit.dic.surface.tables import Table, tables_of
+from bulgefit.dic.surface.tables import Table, tables_of, values_of
 from bulgefit.dic.surface.windows import fewest_points
 from bulgefit.errors import InputError
 from bulgefit.shown import Drawn
@@ -86,6 +86,25 @@ class Measured(Drawn):
         if table not in found:
             raise InputError(f"table {table!r} is unknown; choose from {', '.join(found)}")
         return dataframe(found[table])
+
+    def to_xarray(self, field: str = "stress_MPa") -> Any:
+        """A column of the table fields by frame and place; needs `bulgefit[xarray]`."""
+        table = self.tables()["fields"]
+        units = values_of(table)
+        if field not in units:
+            raise InputError(f"field {field!r} is unknown; choose from {', '.join(units)}")
+        frames = len(self.pressure)
+        return labelled(
+            table[field].reshape(frames, -1),
+            ("frame", "place"),
+            {
+                "frame": np.arange(frames),
+                "pressure_bar": ("frame", 10.0 * self.pressure),
+                **{f"{a}_mm": ("place", self.surface.points[:, i]) for i, a in enumerate("xy")},
+            },
+            name=field,
+            unit=units[field],
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Apex, rings and rim as JSON types, columns as in `tables`; fields stand there alone."""

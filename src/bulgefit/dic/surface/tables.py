@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from bulgefit.dic.surface.measured import Measured
     from bulgefit.dic.surface.rings import Rings
 
-__all__ = ["Table", "tables_of"]
+__all__ = ["Table", "tables_of", "values_of"]
 
 Table = dict[str, NDArray[np.float64]]
 
@@ -43,6 +43,16 @@ def tables_of(measured: Measured) -> dict[str, Table]:
             for axis, column in zip("xyz", values.T, strict=True):
                 found["rim"][name.format(axis)] = column
     return found
+
+
+def values_of(table: Table) -> dict[str, str]:
+    """Columns of a table that hold what was measured there, with their units."""
+    return {
+        name: unit.replace("_per_", "/")
+        for name in table
+        for kind, unit in _UNITS.items()
+        if name.startswith(kind)
+    }
 
 
 def _frame_columns(measured: Measured, each: int) -> Table:

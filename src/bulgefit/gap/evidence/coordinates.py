@@ -97,8 +97,9 @@ class Coordinates:
                 keys.index(c.key._replace(parameter=c.parameter.governor or c.key.parameter))
                 for c in own
             )
+            period = tuple(c.parameter.period or math.inf for c in own)
             groups.append(
-                Group(name, place, null, width, lower, governor=governor, **more)  # type: ignore[arg-type]
+                Group(name, place, null, width, lower, governor=governor, period=period, **more)  # type: ignore[arg-type]
             )
             every.extend(own)
 

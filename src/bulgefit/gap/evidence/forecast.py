@@ -65,9 +65,9 @@ class Forecast:
         """About the model that frees `columns`."""
         own = np.searchsorted(here.columns, columns)
         rest = np.setdiff1d(np.arange(len(here.columns)), own)
-        value, slope, matrix = quadratic(
-            _at_nulls(here, layout, rest), layout, here.columns, inflation
-        )
+        here = _without(here, layout, columns, rest)
+        value, slope, matrix = quadratic(here, layout, here.columns, inflation)
+        value -= _believed(layout, here.columns[rest], here.x[here.columns[rest]])
         inner, between = matrix[np.ix_(own, own)], matrix[np.ix_(own, rest)]
         covariance, log_det = inverted(inner)
         carried, step = covariance @ between, covariance @ slope[own]
@@ -95,8 +95,9 @@ class Forecast:
         inverse: Floats = np.asarray(np.linalg.inv(block), dtype=np.float64)
         pull = inverse @ back
         score = self.value + float(back @ pull + np.linalg.slogdet(block)[1])
-        # of what means nothing nothing is believed
-        score -= float((((at - self.layout.null[lacked]) / self.layout.width[lacked]) ** 2).sum())
+        score -= _believed(self.layout, lacked, at)
+        new = self.outside[come]
+        score += _believed(self.layout, new, self.x[new])
         across = self.carried[np.ix_(gone, come)]
         slope = self.slope[come] - across.T @ pull
         stiff = self.stiff[np.ix_(come, come)] + across.T @ inverse @ across
@@ -142,11 +143,18 @@ class Forecast:
         return 2.0 * (prior - log_share_above(mean, covariance, lower))
 
 
-def _at_nulls(here: Linearised, layout: Layout, rest: NDArray[np.intp]) -> Linearised:
-    """The same where some of its coordinates are at their nulls."""
-    x, change = np.array(here.x), np.zeros(len(here.columns))
-    change[rest] = layout.null[here.columns[rest]] - x[here.columns[rest]]
-    x[here.columns[rest]] = layout.null[here.columns[rest]]
+def _believed(layout: Layout, columns: Columns, at: Floats) -> float:
+    """-2 ln of the prior where coordinates stand: of those that mean nothing there none counts."""
+    return float((((at - layout.null[columns]) / layout.width[columns]) ** 2).sum())
+
+
+def _without(
+    here: Linearised, layout: Layout, columns: Columns, rest: NDArray[np.intp]
+) -> Linearised:
+    """The same where a model of these columns has the rest (`Layout.without`)."""
+    lacked, x, change = here.columns[rest], np.array(here.x), np.zeros(len(here.columns))
+    x[lacked] = layout.without(lacked, columns, here.x)
+    change[rest] = x[lacked] - here.x[lacked]
     turned = here.hessian @ change
     square = here.square + change @ (turned - 2.0 * here.gradient)
     return replace(here, x=x, square=float(square), gradient=here.gradient - turned)

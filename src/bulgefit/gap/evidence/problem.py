@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -48,6 +48,9 @@ class Group:
     governor : tuple of int
         Of each coordinate the one of the group at whose null it means nothing, itself where there
         is none. Default: none has any.
+    period : tuple of float
+        What values of a coordinate may differ by and be the same; infinite where each is another.
+        Default: of all.
     """
 
     id: Owned
@@ -58,6 +61,7 @@ class Group:
     forms: tuple[tuple[int, ...], ...] = ()
     always: bool = False
     governor: tuple[int, ...] = ()
+    period: tuple[float, ...] = ()
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -171,6 +175,7 @@ class Layout:
     null, width, lower : (n,) array
     governor : (n,) int array
         As a group's, among all coordinates.
+    period : (n,) array
     """
 
     groups: dict[Owned, Group]
@@ -178,6 +183,7 @@ class Layout:
     width: Floats = field(init=False)
     lower: Floats = field(init=False)
     governor: Columns = field(init=False)
+    period: Floats = field(init=False)
     _first: dict[Owned, int] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -191,6 +197,8 @@ class Layout:
             parts = [getattr(group, of) for group in self.groups.values()]
             object.__setattr__(self, of, np.concatenate(parts).astype(np.float64))
         object.__setattr__(self, "governor", np.concatenate(governors))
+        periods = [g.period or np.full(len(g.null), np.inf) for g in self.groups.values()]
+        object.__setattr__(self, "period", np.concatenate(periods).astype(np.float64))
 
     @classmethod
     def of(cls, groups: Iterable[Group]) -> Layout:
@@ -222,6 +230,20 @@ class Layout:
         """
         idle = ~np.isin(self.governor[gone], kept) & (self.governor[gone] != gone)
         return np.where(idle, x[gone], self.null[gone])
+
+    def turning(self, names: Iterable[tuple[Owned, int]]) -> Iterator[tuple[Owned, int]]:
+        """Periodic coordinates of groups in some forms, each with the group that has it."""
+        for name, form in sorted(names):
+            for index in self.groups[name].shapes[form]:
+                if np.isfinite(self.period[self._first[name] + index]):
+                    yield name, self._first[name] + index
+
+    def sides(self, x: Floats, at: int) -> Iterator[Floats]:
+        """Points (n,): x, and where a coordinate is a half and a quarter of its period away."""
+        for quarters in (0, 2, 1, 3):
+            other, turned = np.array(x), x[at] + 0.25 * quarters * self.period[at]
+            other[at] = turned - self.period[at] * np.round(turned / self.period[at])
+            yield other
 
     def whole(self, names: Iterable[Owned] | None = None) -> Model:
         """Groups in their largest form; all that are not in every model, unless named."""

@@ -119,6 +119,11 @@ def _moduli_spans(record: Record) -> list[Block]:
             blocks.append(Block("spans", picture=charts.spans(rows)))
     if blocks:
         first = "MPa; the bar is the 95 % interval, each modulus on a scale of its own."
+        if is_bent(record):
+            first += (
+                " E1 and E2 with causes are slopes at rest, and moduli alone fit the whole: see "
+                "the law of the cloth."
+            )
         blocks[0] = Block("spans", (first,), picture=blocks[0].picture)
     return blocks
 

@@ -7,24 +7,11 @@ from typing import Any
 
 from bulgefit.report.page.blocks import Answer, Block, Page
 from bulgefit.trial.shares import share_text
+from bulgefit.trial.table import shares_in_words
 
 __all__ = ["page_of_trial"]
 
 Result = Mapping[str, Any]
-
-#: Shares of a trial's scores in words, with whether more of it is better.
-_SHARES = (
-    ("found", "effects named, or in a set of at most two", True),
-    ("found_several", "of tests with three causes and more", True),
-    ("families", "of families", True),
-    ("false_alarms", "false alarms on clean tests", False),
-    ("foreign_unknown", "foreign effects answered unknown or partial", True),
-    ("places", "foreign effects at their place", True),
-    ("spots", "at their spot, where they have one", True),
-    ("false_fields", "tests with a field where nothing foreign is", False),
-    ("laws", "laws of families met", True),
-    ("struck_right", "effects struck from the catalogue, not misnamed", True),
-)
 
 
 def page_of_trial(result: Result) -> Page:
@@ -66,21 +53,15 @@ def _answer(result: Result) -> Answer:
 
 
 def _bars(scores: Mapping[str, Any]) -> list[Block]:
-    pairs = [(scores[key], words, good) for key, words, good in _SHARES]
-    pairs[3:3] = [
-        (scores["causes"]["found"], "causes found, alone or in a set of two", True),
-        (scores["causes"]["false"], "sure causes that are not there", False),
-    ]
     bars = [
         {
-            "label": words,
+            "label": words.strip(),
             "left": 0.0,
             "width": 100 * found["share"],
             "kind": "gain" if good else "loss",
             "text": f"{found['hits']} of {found['of']}",
         }
-        for found, words, good in pairs
-        if found["of"]
+        for found, words, good in shares_in_words(scores)
     ]
     caption = "Green: the more the better; orange: the less the better."
     return [Block("bars", (caption,), picture={"bars": bars})] if bars else []

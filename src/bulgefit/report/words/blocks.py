@@ -8,7 +8,14 @@ from bulgefit.report.record import Record
 from bulgefit.report.words.causes import evidence_words, parameter_rows
 from bulgefit.report.words.gaps import GAP_COLUMNS, gap_rows, held_out_words, moduli_rows, shrinkage
 from bulgefit.report.words.left import remainder_items
-from bulgefit.report.words.names import chance_text, of_whom, owned, with_rivals
+from bulgefit.report.words.names import (
+    SMALL,
+    chance_text,
+    of_whom,
+    owned,
+    owned_together,
+    with_rivals,
+)
 from bulgefit.report.words.next import action_items, advice_items
 from bulgefit.report.words.notes import note_items
 from bulgefit.report.words.verdict import is_unnamed
@@ -68,9 +75,14 @@ def _gap_blocks(record: Record) -> list[Block]:
 def _tried_blocks(record: Record) -> list[Block]:
     """Candidates that are not in the model, and those that could not be tried."""
     others = sorted(record["others"].items(), key=lambda pair: -pair[1])
-    rows = [(owned(record, group), chance_text(p), "weighed and dropped") for group, p in others]
+    rows = [
+        (owned(record, group), chance_text(p), "weighed and dropped")
+        for group, p in others
+        if p >= SMALL
+    ]
     told = {Owned.read(group).effect for group in (*record["others"], *_taken(record))}
-    gone = [effect for effect in record["report"]["candidates"] if effect not in told]
+    gone = owned_together(record, [group for group, p in others if p < SMALL])
+    gone += [effect for effect in record["report"]["candidates"] if effect not in told]
     if gone:
         rows.append((", ".join(gone), "below 0.001 each", "weighed and dropped"))
     rows += [(effect, "", f"not tried: {why}") for effect, why in record["skipped"].items()]

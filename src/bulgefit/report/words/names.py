@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bulgefit.effects.parameter import Owned
@@ -10,16 +10,20 @@ from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
 
 __all__ = [
+    "SMALL",
     "budget_labels",
-    "called",
+    "called_together",
     "chance_text",
     "names_of",
     "of_whom",
     "owned",
+    "owned_together",
     "percent_text",
     "with_rivals",
 ]
 
+#: Probability below which only that is said.
+SMALL = 0.001
 #: Parameters of a form that are named one by one.
 _NAMED = 4
 
@@ -63,19 +67,39 @@ def with_rivals(record: Record, cause: Mapping[str, Any]) -> str:
     return " or ".join((cause["effect"], *cause["alternatives"])) + of_whom(record, cause)
 
 
-def called(record: Record, cause: Mapping[str, Any]) -> str:
-    """A cause in a sentence."""
-    whose = of_whom(record, cause)
-    if cause["alternatives"]:
-        return f"one of {listed([cause['effect'], *cause['alternatives']], 'or')}{whose}"
-    return f"{cause['effect']}{whose} ({cause['meaning']})"
+def called_together(record: Record, causes: Sequence[Mapping[str, Any]]) -> str:
+    """Causes in a sentence, an effect of several tests once: what it means is said once, too."""
+    together: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for cause in causes:
+        together.setdefault((cause["effect"], *cause["alternatives"]), []).append(cause)
+    names = names_of(record)
+    told = []
+    for (effect, *rivals), each in together.items():
+        owners = [names[c["specimen"]] for c in each if c["specimen"] is not None]
+        whose = f" of {listed(owners)}" if owners else ""
+        if rivals:
+            told.append(f"one of {listed([effect, *rivals], 'or')}{whose}")
+        else:
+            told.append(f"{effect}{whose} ({each[0]['meaning']})")
+    return listed(told)
+
+
+def owned_together(record: Record, groups: Iterable[str]) -> list[str]:
+    """Groups as `effect` or `effect of test, test and test`, each effect once."""
+    owners: dict[str, list[str]] = {}
+    for group in groups:
+        effect, owner = Owned.read(group)
+        ours = owners.setdefault(effect, [])
+        if owner is not None:
+            ours.append(names_of(record)[owner])
+    return [f"{e} of {listed(ours)}" if ours else e for e, ours in owners.items()]
 
 
 def chance_text(probability: float) -> str:
     """A probability, without more nines or zeros than a search can know."""
     if probability > 0.999:
         return "over 0.999"
-    return "below 0.001" if probability < 0.001 else f"{probability:.3f}"
+    return "below 0.001" if probability < SMALL else f"{probability:.3f}"
 
 
 def percent_text(share: float) -> str:

@@ -40,7 +40,7 @@ def note_items(record: Record) -> list[str]:
                 f"{effect.id} and {STIFFNESS} can never be told apart by a bulge test: "
                 f"{effect.never_separable}."
             )
-    return [*items, *_alike(record)]
+    return [*items, *dict.fromkeys(_alike(record))]  # an effect of several tests is told once
 
 
 def _microns(sizes: Sequence[float]) -> str:

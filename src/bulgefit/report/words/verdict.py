@@ -10,7 +10,7 @@ from bulgefit.gap.evidence.probability import SURE
 from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
 from bulgefit.report.words.left import strong_cells
-from bulgefit.report.words.names import called
+from bulgefit.report.words.names import called_together
 
 __all__ = ["is_unnamed", "verdict_words"]
 
@@ -18,7 +18,7 @@ __all__ = ["is_unnamed", "verdict_words"]
 def verdict_words(record: Record) -> str:
     """The verdict in a sentence."""
     causes, verdict = record["causes"], record["verdict"]
-    named = listed([called(record, c) for c in causes])
+    named = called_together(record, causes)
     if verdict == Verdict.NONE:
         return "The model with its moduli alone is good to the noise; nothing need be added."
     if verdict == Verdict.NAMED:
@@ -30,7 +30,7 @@ def verdict_words(record: Record) -> str:
         )
     left = _left(record)
     if verdict == Verdict.PARTIAL:
-        sure = listed([called(record, c) for c in causes if c["probability"] >= SURE])
+        sure = called_together(record, [c for c in causes if c["probability"] >= SURE])
         return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
     return f"No effect that has a name explains the gap: {left}{helps}."
