@@ -103,6 +103,9 @@ def test_intervals_are_of_the_value_and_the_parts_of_the_error(make: Maker, setu
         # only E t is felt, and a gain of pressure is a gain of every modulus
         assert parts["thickness"] == pytest.approx(0.02 * value, rel=0.02)
         assert parts["pressure"] == pytest.approx(0.01 * value, rel=0.05)
+    # what is stated makes moduli alike; the data tell them apart all the same
+    assert errors.correlation["E2", "E1"] > 0.98 > errors.data_correlation["E2", "E1"]
+    assert "inseparable" not in {warned.code for warned in found.quality.warnings}
     # what another ratio does is what a fit with it does
     other = fit(test, bounds=BOUNDS, starts=1, setup=setup, held={"nu12": 0.27})
     for name in ("E1", "E2"):

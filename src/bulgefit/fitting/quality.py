@@ -263,7 +263,7 @@ def _about_errors(
     if problem.size > 1 and points < problem.size:
         count = f"{points} point{'s' if points > 1 else ''}"
         yield Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size)
-    for (a, b), correlation in errors.correlation.items():
+    for (a, b), correlation in errors.data_correlation.items():
         if abs(correlation) > _ALIKE:
             yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
     # an effect that is not seen may be absent

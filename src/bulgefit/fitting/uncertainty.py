@@ -58,6 +58,9 @@ class Uncertainty:
     parts : dict of name to dict
         Standard deviation by source: "data", "mesh", and what was stated.
     correlation : dict of (name, name) to float
+    data_correlation : dict of (name, name) to float
+        Of what the data alone leave open: a thickness that is stated to be uncertain makes all
+        moduli alike, and says nothing of whether they can be told apart.
     mesh_error_mm : list of three floats, or None
         What is left of the mesh's error in dx, dy, dz, the largest of the tests.
     """
@@ -69,6 +72,7 @@ class Uncertainty:
     block_stderr: dict[str, float | None]
     parts: dict[str, dict[str, float]]
     correlation: dict[tuple[str, str], float]
+    data_correlation: dict[tuple[str, str], float]
     mesh_error_mm: list[float] | None
 
     def differing(self) -> list[str]:
@@ -131,12 +135,13 @@ def uncertainty_of(
     blocks, of_blocks = scores.of_blocks(inverse)
     shifts, mesh = _shifts(problem, z, shapes, scores, inverse, stated)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
-    covariance = _with_deviations(noise, wider)
-    for shift in shifts.values():
-        covariance = covariance + np.outer(shift, shift)
+    by_data = _with_deviations(noise, wider)
+    covariance = by_data + sum(np.outer(shift, shift) for shift in shifts.values())
     freedom = np.where(np.diag(blocks) > np.diag(noise), of_blocks, freedom)
     quantiles = student.ppf(0.5 + 0.5 * _LEVEL, freedom)
-    return _described(problem, z, told, covariance, noise, blocks, wider, shifts, quantiles, mesh)
+    return _described(
+        problem, z, told, covariance, by_data, noise, blocks, wider, shifts, quantiles, mesh
+    )
 
 
 def _check(stated: Mapping[str, float]) -> None:
@@ -273,6 +278,7 @@ def _described(
     z: Floats,
     told: NDArray[np.bool_],
     covariance: Floats,
+    by_data: Floats,
     noise: Floats,
     blocks: Floats,
     wider: Floats,
@@ -300,11 +306,21 @@ def _described(
         by_block[p.name] = float(np.sqrt(blocks[j, j])) * unit
         parts[p.name] = {"data": float(wider[j]) * unit}
         parts[p.name] |= {name: abs(float(shift[j])) * unit for name, shift in shifts.items()}
+    known = [name for name in names if stderr[name] is not None]
+    correlation, own = (_correlations(c, names, known) for c in (covariance, by_data))
+    return Uncertainty(
+        covariance, stderr, intervals, by_noise, by_block, parts, correlation, own, mesh
+    )
+
+
+def _correlations(
+    covariance: Floats, names: Sequence[str], known: Sequence[str]
+) -> dict[tuple[str, str], float]:
+    """Of each two that have an error."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = {
+    return {
         (names[i], names[j]): float(covariance[i, j] / (deviation[i] * deviation[j]))
         for i in range(len(names))
         for j in range(i)
-        if stderr[names[i]] is not None and stderr[names[j]] is not None
+        if names[i] in known and names[j] in known
     }
-    return Uncertainty(covariance, stderr, intervals, by_noise, by_block, parts, correlation, mesh)
