@@ -126,7 +126,9 @@ class _Tracer:
         self.work += balance.factorisations
         return balance.stable or self.is_elliptic(balance.displacement)
 
-    def solve(self, s: float, guess: Floats, *, follow: bool, rough: bool = False) -> float:
+    def solve(
+        self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
+    ) -> float:
         """Balance a level and keep it; returns how far (mm) the guess was off.
 
         The slope of a level that is not `rough` has to fit the level below.
@@ -134,7 +136,7 @@ class _Tracer:
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
-                thrifty=True, follow=follow, exact=self.sensitivities,
+                thrifty=True, follow=follow, exact=self.sensitivities, patient=patient,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
@@ -329,12 +331,13 @@ def _check_stiffness(stiffness: Floats, low: float, shown: Mapping[str, float]) 
 def _start(tracer: _Tracer, low: float, high: float) -> None:
     """Balance the lowest level.
 
-    Uneven or slack cloth lies loosely under a light pressure. Where its shape is not found at once,
-    the shape at a pressure that draws it taut leads down to it.
+    Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
+    shape, the shape at a pressure that draws it taut leads down to it.
     """
     membrane, stiffness = tracer.membrane, tracer.stiffness
     try:
-        tracer.solve(low, flat_guess(membrane, low**3, stiffness), follow=False)
+        guess = flat_guess(membrane, low**3, stiffness)
+        tracer.solve(low, guess, follow=False, patient=True)
     except NewtonError as error:
         for factor in _TAUTER:
             pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
@@ -503,15 +506,15 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
     _StoppedError
         At the limit pressure, where the law loses ellipticity, or where this does not do either.
     """
-    membrane, stiffness, last = tracer.membrane, tracer.stiffness, tracer.levels[-1]
-    volume = volume_of(membrane, last.displacement)
+    last = tracer.levels[-1]
+    volume = volume_of(tracer.membrane, last.displacement)
     points = [Point(last.displacement, last.s**3, volume, last.stable, 0)]
     growth = _GROWTH
     for _ in range(_BY_VOLUME):
         here = points[-1]
         wanted = here.volume + growth * abs(here.volume)
         try:
-            point = at_volume(membrane, stiffness, _ahead(points, wanted), here.pressure, wanted)
+            point = _at_volume(tracer, points, wanted)
         except NewtonError as error:
             tracer.work, tracer.wasted = tracer.work + error.work, tracer.wasted + error.work
             growth *= 0.5
@@ -539,6 +542,25 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
     raise _given_up(tracer, failure, last.s)
+
+
+def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
+    """The point of a branch at a volume above that of the last of `points`.
+
+    Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
+    positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
+    another branch, or lies behind a limit and a least pressure too: shorter steps tell.
+
+    Raises
+    ------
+    NewtonError
+    """
+    here = points[-1]
+    start = _ahead(points, volume)
+    point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
+    if point.stable and point.pressure < here.pressure:
+        raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
+    return point
 
 
 def _turn(tracer: _Tracer, low: Point, high: Point) -> tuple[Point, Point]:
