@@ -146,12 +146,13 @@ MUTANTS = (
         OBJECTIVE,
     ),
     Mutant(
-        "fitting/uncertainty.py",
+        "fitting/scores.py",
         "np.sqrt(2.0 / np.pi)",
         "np.sqrt(np.pi / 2.0)",
         "fitting/test_uncertainty.py",
     ),
-    Mutant("fitting/uncertainty.py", "max(1.4826 *", "max(1.0 *", "fitting/test_uncertainty.py"),
+    Mutant("fitting/scores.py", "max(1.4826 *", "max(1.0 *", "fitting/test_uncertainty.py"),
+    Mutant("fitting/scores.py", "2.0 - 2.0 * apart", "1.0 - apart", "fitting/test_scores.py"),
     Mutant("fitting/uncertainty.py", "(vectors[:, ~seen] ** 2)", "(vectors[:, seen] ** 2)", NEWS),
     Mutant(
         "fitting/problem.py",

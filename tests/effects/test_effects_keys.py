@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bulgefit.effects.parameter import Key, Owned, of_specimen
+from bulgefit.effects.parameter import Key, Owned, by_key, of_specimen
 from bulgefit.errors import InputError
 
 WRITTEN = {
@@ -34,7 +34,7 @@ def test_what_is_no_number_of_a_test_is_refused(text: str) -> None:
 
 
 def test_of_a_specimen_is_what_is_its_own_or_shared() -> None:
-    values = {"E1": 300.0, "a.b@0": 1.0, "a.b@1": 2.0, "a.c@1": 3.0}
+    values = by_key({"E1": 300.0, "a.b@0": 1.0, "a.b@1": 2.0, "a.c@1": 3.0})
     assert of_specimen(values, 0) == {"E1": 300.0, "a.b": 1.0}
     assert of_specimen(values, 1) == {"E1": 300.0, "a.b": 2.0, "a.c": 3.0}
     assert of_specimen(values, None) == {"E1": 300.0}

@@ -372,6 +372,7 @@ def test_report_of_a_fit_that_went_badly() -> None:
         block_stderr={"E1": None, "E2": 2.0, "G12": None},
         parts={"E2": {"data": 2.0}},
         correlation={},
+        data_correlation={},
         mesh_error_mm=[0.0011, 0.002, 0.003],
     )
     quality = Quality(

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from bulgefit.errors import InputError
 
-__all__ = ["Key", "Owned", "Parameter", "of_specimen"]
+__all__ = ["Key", "Owned", "Parameter", "by_key", "of_specimen"]
 
 Value = TypeVar("Value")
 
@@ -80,13 +80,14 @@ def _apart(text: str) -> tuple[str, int | None]:
     return name, int(specimen) if at else None
 
 
-def of_specimen(values: Mapping[str, Value], specimen: int | None) -> dict[str, Value]:
-    """By `effect.parameter`, what is a specimen's own or shared, of values by written keys.
+def of_specimen(values: Mapping[Key, Value], specimen: int | None) -> dict[str, Value]:
+    """By `effect.parameter`, what is a specimen's own or shared; of no specimen: what is shared."""
+    return {k.name: v for k, v in values.items() if k.specimen in (None, specimen)}
 
-    Of no specimen: what is shared.
-    """
-    keys = {Key.read(text): value for text, value in values.items()}
-    return {k.name: v for k, v in keys.items() if k.specimen in (None, specimen)}
+
+def by_key(values: Mapping[str, Value]) -> dict[Key, Value]:
+    """What was said of parameters by name; InputError as `Key.read`."""
+    return {Key.read(name): value for name, value in values.items()}
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def _first(knots: Floats, width: int, k: int) -> int:
 
 def _interval(knots: Floats, at: Floats) -> NDArray[np.int64]:
     """k of the knots k and k + 1 between which each of `at` lies; the ends' beyond them."""
-    return np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(len(knots) - 2, 0))
+    return np.asarray(np.searchsorted(knots[1:-1], at, side="right"))
 
 
 @compiled

@@ -114,11 +114,11 @@ class Fabric:
             A curve that is none, or whose slopes leave no positive definite law.
         """
         own = *self.slack, *self.gain, *self.bend, *self.knee
-        curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel()
-        return tuple(float(v) for v in (*stiffness, *own, *curve))
+        curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel().tolist()
+        return (*map(float, (*stiffness, *own)), *curve)
 
 
-_NO_CURVE = np.zeros(2 * len(KNOTS))
+_NO_CURVE = (0.0,) * (2 * len(KNOTS))
 
 
 def _excess(curve: Floats, stiffness: Floats) -> Floats:
@@ -251,7 +251,7 @@ class Membrane:
     @property
     def radius(self) -> float:
         """Largest distance of a node from the origin, mm."""
-        return float(np.sqrt((self.mesh.nodes**2).sum(axis=1).max()))
+        return self.mesh.reach
 
     def gather(self, nodal: Floats) -> Floats:
         """Forces on the free displacements, of (..., n, 3) nodal ones: (..., N)."""

@@ -88,6 +88,11 @@ class Mesh:
         """Nodes on the rim's edges."""
         return np.unique(self.rim_edges)
 
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance of a node from the origin, mm."""
+        return float(np.sqrt((self.nodes**2).sum(axis=1).max()))
+
     @property
     def apex(self) -> int:
         """The node nearest the origin."""

@@ -148,7 +148,7 @@ def _fold(
         judged = dict.fromkeys(OBJECTIVES)
     return {
         "left_out": left_out.name,
-        "parameters": {**material.values, **shared},
+        "parameters": {**material.values, **{str(key): v for key, v in shared.items()}},
         "at_bound": [p.name for p in problem.free if bounded(p, last.values[p.name])],
         "training": {"objective": problem.objective.name, "value": last.value},
         "left_out_objectives": {k: judged[k] for k in OBJECTIVES},

@@ -59,9 +59,8 @@ def evaluate(
 def _shapes(objective: Objective, material: Material, effects: Mapping[str, float]) -> list[Shapes]:
     """Corrected for the mesh's error, where the setup asks for that."""
     count = len(objective.tests)
-    for name in effects:
-        key_among(name, count, "effects")
-    values = [{**material.constants(), **of_specimen(effects, i)} for i in range(count)]
+    given = {key_among(name, count, "effects"): value for name, value in effects.items()}
+    values = [{**material.constants(), **of_specimen(given, i)} for i in range(count)]
     shapes = objective.shapes(values)
     if objective.setup.corrects_mesh:
         objective.correct_mesh(shapes)

@@ -16,6 +16,7 @@ from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import BulgefitError
 from bulgefit.fitting.minimise import Descent, descend
 from bulgefit.fitting.multistart import best_of, multistart
+from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.quality import quality_of
@@ -124,11 +125,12 @@ def _result(
     shapes = problem.shapes(z, derivatives=True)
     values = problem.values(z)
     at_bound = np.array([bounded(p, values[p.name]) for p in problem.free])
-    errors = uncertainty_of(problem, z, shapes, at_bound, options.uncertainty)
+    noises = noise_left(objective, shapes)
+    errors = uncertainty_of(problem, z, shapes, at_bound, options.uncertainty, noises)
     value = objective.value(shapes)
     return FitResult(
         material=problem.material(z),
-        effects=problem.effects(z),
+        effects={str(key): value for key, value in problem.effects(z).items()},
         free=problem.free,
         objective=objective.name,
         value=value,
@@ -137,7 +139,7 @@ def _result(
         descents=descents,
         stability=stability(objective.tests, shapes),
         uncertainty=errors,
-        quality=quality_of(problem, z, value, shapes, descents, errors, at_bound),
+        quality=quality_of(problem, z, value, shapes, descents, errors, at_bound, noises),
         options=options,
         settings=_settings(problem, options),
         seconds=time.perf_counter() - began,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.parameter import Key, Parameter, of_specimen
+from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.guess import bounds_from, start_box
@@ -100,30 +100,31 @@ class Problem:
         priors: Mapping[str, Prior] | None = None,
     ) -> None:
         self.objective, self.kind = objective, kind
-        given = dict(bounds or {})
-        tests, fixed = objective.tests, dict(held or {})
+        tests, given = objective.tests, by_key(bounds or {})
         ours = {p.name for p in parameters_of(kind)}
         implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
-        moduli = free_parameters(kind, free, {**implied, **_of(given, dotted=False)})
+        moduli = free_parameters(kind, free, implied | _of_material(given))
         freed = _freed(effects, len(tests), objective)
-        _known(fixed, ours, len(tests))
+        fixed = _known(held or {}, ours, len(tests))
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
-        names = [p.name for p in self.free]
-        self._base = [key.name for key in self.keys]
-        for name in fixed:
-            if Key.read(name).name in self._base:
-                raise InputError(f"hold: {name} is fitted; hold it or fit it")
-        for name in given:
-            if name not in (*names, *self._base):
-                raise InputError(f"bounds: {name} is not fitted (fitted: {', '.join(names)})")
+        for key in fixed:
+            if key.name in {own.name for own in self.keys}:
+                raise InputError(f"hold: {key} is fitted; hold it or fit it")
+        for key in given:
+            self._meant(key, "bounds")
+        stated = _of_material(fixed)
         self.held = {
-            p.name: float(fixed[p.name]) if p.name in fixed else stated_ratio(tests)
-            for p in parameters_of(kind)
-            if p.name not in names
+            name: stated[name] if name in stated else stated_ratio(tests)
+            for name in (p.name for p in parameters_of(kind))
+            if Key("", name) not in self.keys
         }
-        self.held_effects = _of(fixed, dotted=True)
-        self.priors = _matched(priors or {}, self.free, self._base)
+        self.held_effects = {key: value for key, value in fixed.items() if key.effect}
+        self.priors = {
+            own: _possible(prior, key)
+            for key, prior in by_key(priors or {}).items()
+            for own in self._meant(key, "prior")
+        }
         self._lower = np.array([p.to_coordinate(p.lower) for p in self.free])
         self._upper = np.array([p.to_coordinate(p.upper) for p in self.free])
         self._box = _start_box(self, given)
@@ -140,6 +141,14 @@ class Problem:
         other = copy(self)
         other.all_data = True
         return other
+
+    def _meant(self, key: Key, where: str) -> list[Key]:
+        """What is free by a key: itself, or each test's own where it names no test; InputError."""
+        found = [own for own in self.keys if key in (own, own._replace(specimen=None))]
+        if not found:
+            known = ", ".join(map(str, self.keys))
+            raise InputError(f"{where}: {key} is not fitted (fitted: {known})")
+        return found
 
     @property
     def size(self) -> int:
@@ -159,13 +168,17 @@ class Problem:
         z[self.scattered] = low + (high - low) * point
         return np.clip(z, 0.0, 1.0)
 
-    def values(self, z: Floats) -> dict[str, float]:
+    def keyed(self, z: Floats) -> dict[Key, float]:
         """Free parameters at coordinates z in [0, 1]."""
         along = self._lower + (self._upper - self._lower) * np.asarray(z)
         return {
-            p.name: float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
-            for p, c in zip(self.free, along, strict=True)
+            key: float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
+            for key, p, c in zip(self.keys, self.free, along, strict=True)
         }
+
+    def values(self, z: Floats) -> dict[str, float]:
+        """The same under their names, as results tell them."""
+        return {str(key): value for key, value in self.keyed(z).items()}
 
     def value_at(self, index: int, coordinate: float) -> float:
         """A free parameter's value at its coordinate, within its bounds or not."""
@@ -185,26 +198,19 @@ class Problem:
 
     def material(self, z: Floats) -> Material:
         """The material at coordinates z (not checked for admissibility)."""
-        values = {**self.held, **self.values(z)}
+        values = {**self.held, **_of_material(self.keyed(z))}
         return Material(self.kind, {p.name: values[p.name] for p in parameters_of(self.kind)})
 
-    def effects(self, z: Floats) -> dict[str, float]:
-        """Values of effects' parameters, fitted and held, by `effect.parameter`."""
-        fitted = {n: v for n, v in self.values(z).items() if "." in n}
+    def effects(self, z: Floats) -> dict[Key, float]:
+        """Values of effects' parameters, held and fitted."""
+        fitted = {key: value for key, value in self.keyed(z).items() if key.effect}
         return {**self.held_effects, **fitted}
 
     def of_tests(self, z: Floats) -> list[dict[str, float]]:
         """What each test's virtual twin is given."""
-        constants, values = self.material(z).constants(), self.values(z)
-        out = []
-        for i in range(len(self.objective.tests)):
-            own = {
-                key.name: values[p.name]
-                for key, p in zip(self.keys, self.free, strict=True)
-                if key.effect and key.specimen in (None, i)
-            }
-            out.append({**constants, **of_specimen(self.held_effects, i), **own})
-        return out
+        constants, effects = self.material(z).constants(), self.effects(z)
+        count = len(self.objective.tests)
+        return [{**constants, **of_specimen(effects, i)} for i in range(count)]
 
     def names_of_tests(self) -> list[tuple[str, ...]]:
         """What each test's virtual twin differentiates by."""
@@ -216,13 +222,9 @@ class Problem:
 
     def columns(self, z: Floats) -> list[Floats]:
         """∂(what each test differentiates by)/∂z, (names, free) each."""
-        material, values = self.material(z), self.values(z)
-        by_value = np.array(
-            [
-                p.slope(values[p.name]) * (high - low)
-                for p, low, high in zip(self.free, self._lower, self._upper, strict=True)
-            ]
-        )
+        material, values = self.material(z), self.keyed(z)
+        slopes = [p.slope(values[key]) for key, p in zip(self.keys, self.free, strict=True)]
+        by_value = np.array(slopes) * (self._upper - self._lower)
         every = [p.name for p in parameters_of(self.kind)]
         by_material = material.constants_derivative()
         out = []
@@ -269,20 +271,18 @@ class Problem:
         """
         hessian, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         weight = self._weight_of_priors(value)
-        values = self.values(z)
-        for j, p in enumerate(self.free):
-            prior = self.priors.get(p.name)
+        values = self.keyed(z)
+        for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
+            prior = self.priors.get(key)
             if prior is not None:
-                by_z = p.slope(values[p.name]) * (self._upper[j] - self._lower[j])
-                slope[j] = weight * (values[p.name] - prior.mean) / prior.deviation**2 * by_z
+                by_z = p.slope(values[key]) * (self._upper[j] - self._lower[j])
+                slope[j] = weight * (values[key] - prior.mean) / prior.deviation**2 * by_z
                 hessian[j, j] = weight * (by_z / prior.deviation) ** 2
         return hessian, slope
 
     def _believed(self, value: float, z: Floats) -> float:
-        values = self.values(z)
-        squares = sum(
-            ((values[name] - p.mean) / p.deviation) ** 2 for name, p in self.priors.items()
-        )
+        values = self.keyed(z)
+        squares = sum(((values[key] - p.mean) / p.deviation) ** 2 for key, p in self.priors.items())
         return value + 0.5 * squares * self._weight_of_priors(value)
 
     def _weight_of_priors(self, value: float) -> float:
@@ -330,19 +330,24 @@ class Problem:
         return float(np.clip(start, parameter.lower, parameter.upper))
 
 
-def _of(values: Mapping[str, Of], *, dotted: bool) -> dict[str, Of]:
-    """Those of effects, or those of the material."""
-    return {name: v for name, v in values.items() if ("." in name) is dotted}
+def _of_material(values: Mapping[Key, Of]) -> dict[str, Of]:
+    """Those of the material, by name."""
+    return {key.name: value for key, value in values.items() if not key.effect}
 
 
-def _known(held: Mapping[str, float], ours: set[str], count: int) -> None:
+def _known(held: Mapping[str, float], ours: set[str], count: int) -> dict[Key, float]:
+    """What is held; InputError where it cannot be."""
+    out = {}
     for name, value in held.items():
         if not np.isfinite(value):
             raise InputError(f"hold: {name} must be finite, got {value:g}")
-        if "." in name:
-            parameter_named(key_among(name, count, "hold").name)
+        key = key_among(name, count, "hold")
+        if key.effect:
+            parameter_named(key.name)
         elif name not in ours:
             raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
+        out[key] = float(value)
+    return out
 
 
 def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
@@ -369,38 +374,30 @@ def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
     return list(found)
 
 
-def _bounded(key: Key, bounds: Mapping[str, tuple[float, float]]) -> Parameter:
+def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
     """An effect's parameter under its key's name, within given bounds or its plausible range."""
     parameter = parameter_named(key.name)
-    low, high = bounds.get(str(key), bounds.get(key.name, (parameter.lower, parameter.upper)))
+    of_all = bounds.get(key._replace(specimen=None), (parameter.lower, parameter.upper))
+    low, high = bounds.get(key, of_all)
     if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
         raise InputError(f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}")
     return replace(parameter, name=str(key), lower=low, upper=high)
 
 
-def _matched(
-    priors: Mapping[str, Prior], free: Sequence[Parameter], base: Sequence[str]
-) -> dict[str, Prior]:
-    """Priors by the names of the free parameters."""
-    out: dict[str, Prior] = {}
-    for name, prior in priors.items():
-        if not (np.isfinite(prior.mean) and 0.0 < prior.deviation < np.inf):
-            raise InputError(f"prior of {name}: give a finite mean and a deviation above 0")
-        which = [p.name for p, own in zip(free, base, strict=True) if name in (p.name, own)]
-        if not which:
-            known = ", ".join(p.name for p in free)
-            raise InputError(f"prior: {name} is not fitted (fitted: {known})")
-        out |= dict.fromkeys(which, prior)
-    return out
+def _possible(prior: Prior, key: Key) -> Prior:
+    if not (np.isfinite(prior.mean) and 0.0 < prior.deviation < np.inf):
+        raise InputError(f"prior of {key}: give a finite mean and a deviation above 0")
+    return prior
 
 
-def _start_box(problem: Problem, given: Mapping[str, tuple[float, float]]) -> tuple[Floats, Floats]:
+def _start_box(problem: Problem, given: Mapping[Key, tuple[float, float]]) -> tuple[Floats, Floats]:
     """Coordinates (scattered,) between which starts are scattered: given bounds, or the apex's."""
     implied = start_box(problem.objective.tests)
     ends = []
     for j in problem.scattered:
         p = problem.free[j]
-        box = (p.lower, p.upper) if p.name in given else implied.get(p.name, (p.lower, p.upper))
+        own = (p.lower, p.upper)
+        box = own if problem.keys[j] in given else implied.get(p.name, own)
         span = problem._upper[j] - problem._lower[j]
         ends.append([(p.to_coordinate(v) - problem._lower[j]) / span for v in box])
     low, high = np.clip(np.array(ends).reshape(-1, 2), 0.0, 1.0).T

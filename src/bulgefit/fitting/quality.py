@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.noise import Noise, noise_of
+from bulgefit.dic.noise import Noise
 from bulgefit.dic.suspicions import alarms
 from bulgefit.dic.suspicions.points import about_apex_hole
-from bulgefit.errors import InputError
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.optima import elsewhere, of_equal_worth
@@ -163,10 +162,13 @@ def quality_of(
     descents: Sequence[Descent],
     errors: Uncertainty,
     bounded: NDArray[np.bool_],
+    left: Sequence[Noise | None],
 ) -> Quality:
-    """Judge a fit at its optimum."""
+    """Judge a fit at its optimum; `left` is the noise of each test there."""
     objective = problem.objective
-    noises = _noises(objective, shapes)
+    # None where too few values tell the noise of one
+    known = [noise for noise in left if noise is not None]
+    noises = known if len(known) == len(left) else None
     misfit = _misfit(objective, shapes, noises)
     structured = None if misfit is None else float(max(0.0, 1.0 - 1.0 / max(misfit, 1e-9) ** 2))
     worst = objective.value(None)
@@ -205,39 +207,6 @@ def quality_of(
             *_about_mesh(problem, errors, noise),
         ],
     )
-
-
-def _noises(objective: Objective, shapes: Sequence[Shapes]) -> list[Noise] | None:
-    """Of every test by what the fit leaves of it; None where a few values tell no noise."""
-    out: list[Noise] = []
-    for virtual, one in zip(objective.virtual, shapes, strict=True):
-        test = virtual.test
-        if len(test.blocks) > 1:
-            found = noise_of(test)
-            if found is None:
-                return None
-            out.append(found)
-            continue
-        (block,) = test.blocks
-        kept = np.arange(len(block.reference))
-        if len(kept) > _MOST:
-            kept = np.sort(np.random.default_rng(0).permutation(len(kept))[:_MOST])
-        mask = np.zeros(len(block.reference), dtype=bool)
-        mask[kept] = True
-        modelled = virtual.observe(one, points=kept).displacement
-        try:
-            some = test.select(points=mask)
-        except InputError:  # nothing was measured at them
-            return None
-        found = noise_of(some, block.displacement[:, kept] - modelled)
-        if found is None:
-            return None
-        out.append(found)
-    return out
-
-
-#: Points by which the noise is judged.
-_MOST = 2000
 
 
 def _misfit(
@@ -294,14 +263,14 @@ def _about_errors(
     if problem.size > 1 and points < problem.size:
         count = f"{points} point{'s' if points > 1 else ''}"
         yield Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size)
-    for (a, b), correlation in errors.correlation.items():
+    for (a, b), correlation in errors.data_correlation.items():
         if abs(correlation) > _ALIKE:
             yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
     # an effect that is not seen may be absent
     lost = [
-        p.name
-        for p, at in zip(problem.free, bounded, strict=True)
-        if not at and "." not in p.name and "cannot" in words[p.name]
+        str(key)
+        for key, at in zip(problem.keys, bounded, strict=True)
+        if not at and not key.effect and "cannot" in words[str(key)]
     ]
     if lost:
         yield Doubt.UNDETERMINED.of(names=" and ".join(lost))

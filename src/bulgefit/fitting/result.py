@@ -12,7 +12,7 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import dataframe
-from bulgefit.effects.parameter import Key, Parameter, of_specimen
+from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import LIKELIHOOD, TestParts
@@ -109,7 +109,7 @@ class FitResult(Drawn):
 
     def effects_of(self, test: int) -> dict[str, float]:
         """Effects' parameters of a test by `effect.parameter`, for `bulgefit.predict`."""
-        return of_specimen(self.effects, test)
+        return of_specimen(by_key(self.effects), test)
 
     @property
     def evaluations(self) -> int:
@@ -262,8 +262,9 @@ def unit_of(name: str, free: Mapping[str, Parameter] | None = None) -> str:
     """The unit of a parameter, told by its name where it is none of those that are free."""
     if free and name in free:
         return free[name].unit
-    if "." in name:
-        return parameter_named(Key.read(name).name).unit
+    key = Key.read(name)
+    if key.effect:
+        return parameter_named(key.name).unit
     return "1" if name.startswith("nu") else "MPa"
 
 

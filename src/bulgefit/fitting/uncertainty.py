@@ -1,16 +1,16 @@
 """How sure is a fit? Standard errors from the residuals that it leaves.
 
 At the optimum of Σ ρ(r) the estimate is off by A⁻¹ Σ ψ J, with ψ = ρ' and A = Σ E[ρ''] J Jᵀ, so
-its covariance is A⁻¹ B A⁻¹ with B that of the sum (Huber, 1967, the sandwich). B is taken from sums
-over clusters, within which residuals may be alike in any way (Liang and Zeger, 1986):
+its covariance is A⁻¹ B A⁻¹ with B that of the sum (Huber, 1967, the sandwich). B is taken from
+(`bulgefit.fitting.scores`)
 
-* cells of a frame, wider than the noise's correlation: noise alone,
+* pairs of neighbours in a frame, as far as the noise's correlation reaches: noise alone,
 * blocks of frames times sectors of the disc: also what the model misses, which changes slowly with
-  pressure and place.
+  pressure and place. It is the expectation of the bootstrap over them.
 
-Each is the expectation of the bootstrap over its clusters. To this come what is left of the mesh's
-error, and stated uncertainties of thickness, radius, pressure and nu12, by what they move the
-optimum. Of two clusterings the wider one is told; both where they differ by more than a fifth.
+To this come what is left of the mesh's error, and stated uncertainties of thickness, radius,
+pressure and nu12, by what they move the optimum. The wider one of the two is told; both where they
+differ by more than a fifth.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.noise import Noise
 from bulgefit.errors import BulgefitError, InputError
-from bulgefit.fitting.objective import Look
 from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.scores import Scores
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import mesh_remainder
 from bulgefit.model.virtual_test import VirtualTest
@@ -36,11 +37,7 @@ Floats = NDArray[np.floating]
 
 #: What may be stated to be uncertain.
 UNCERTAIN = ("thickness", "radius", "pressure", "nu12")
-#: Cells are this many correlation lengths wide, and at least this share of the radius.
-_LENGTHS, _LEAST_CELL = 4.0, 0.25
-#: Blocks of neighbouring frames, and sectors.
-_FRAMES, _SECTORS = 4, 6
-#: Share by which both clusterings may differ without a word.
+#: Share by which both estimates may differ without a word.
 _ALIKE = 0.2
 _LEVEL = 0.95
 
@@ -57,10 +54,13 @@ class Uncertainty:
         In the parameter's unit; None at a bound, or where nothing tells it.
     interval95 : dict of name to (low, high) or None
     noise_stderr, block_stderr : dict of name to float or None
-        By cells of frames, and by blocks of frames and sectors.
+        By neighbours in a frame, and by blocks of frames and sectors.
     parts : dict of name to dict
         Standard deviation by source: "data", "mesh", and what was stated.
     correlation : dict of (name, name) to float
+    data_correlation : dict of (name, name) to float
+        Of what the data alone leave open: a thickness that is stated to be uncertain makes all
+        moduli alike, and says nothing of whether they can be told apart.
     mesh_error_mm : list of three floats, or None
         What is left of the mesh's error in dx, dy, dz, the largest of the tests.
     """
@@ -72,10 +72,11 @@ class Uncertainty:
     block_stderr: dict[str, float | None]
     parts: dict[str, dict[str, float]]
     correlation: dict[tuple[str, str], float]
+    data_correlation: dict[tuple[str, str], float]
     mesh_error_mm: list[float] | None
 
     def differing(self) -> list[str]:
-        """Parameters whose errors by the two clusterings differ by more than a fifth."""
+        """Parameters whose errors by the two estimates differ by more than a fifth."""
         out = []
         for name, noise in self.noise_stderr.items():
             block = self.block_stderr[name]
@@ -94,6 +95,7 @@ def uncertainty_of(
     shapes: list[Shapes],
     at_bound: NDArray[np.bool_],
     stated: Mapping[str, float],
+    noises: Sequence[Noise | None],
 ) -> Uncertainty:
     """Errors of a fit's optimum.
 
@@ -108,6 +110,8 @@ def uncertainty_of(
         Parameters at a bound: they are held there for the errors of the others.
     stated : mapping
         See `FitOptions.uncertainty`.
+    noises : sequence of Noise or None
+        Of each test, at the optimum (`noise_left`).
 
     Raises
     ------
@@ -115,31 +119,29 @@ def uncertainty_of(
         Unknown or impossible statements.
     """
     _check(stated)
-    columns = problem.columns(z)
-    sums = _Sums(problem, columns)
+    scores = Scores(problem.objective, problem.columns(z), noises)
     names = problem.names_of_tests()
     for look in problem.objective.looks(shapes, names, sampled=True):
-        sums.weigh(look)
-    for look in problem.objective.looks(shapes, names, group=sums.group):
-        sums.cluster(look)
-    bread = sums.bread()
+        scores.weigh(look)
+    for look in problem.objective.looks(shapes, names, group=scores.group):
+        scores.add(look)
+    bread = scores.bread()
     if problem.priors:
         bread = bread + problem.pull(problem.objective.value(shapes), z)[0]
     inverse, told = _inverse(bread, ~at_bound)
     if problem.objective.count <= (~at_bound).sum() and not problem.priors:
         told[:] = False  # they are met whatever their errors, and tell none
-    noise, blocks = (inverse @ meat @ inverse for meat in (sums.cells(), sums.blocks()))
-    shifts, mesh = _shifts(problem, z, shapes, sums, inverse, stated)
+    noise, freedom = scores.of_noise(inverse)
+    blocks, of_blocks = scores.of_blocks(inverse)
+    shifts, mesh = _shifts(problem, z, shapes, scores, inverse, stated)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
-    covariance = _with_deviations(noise, wider)
-    for shift in shifts.values():
-        covariance = covariance + np.outer(shift, shift)
-    quantiles = np.where(
-        np.diag(blocks) > np.diag(noise),
-        student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_blocks - 1, 1)),
-        student.ppf(0.5 + 0.5 * _LEVEL, max(sums.count_of_cells - 1, 1)),
+    by_data = _with_deviations(noise, wider)
+    covariance = by_data + sum(np.outer(shift, shift) for shift in shifts.values())
+    freedom = np.where(np.diag(blocks) > np.diag(noise), of_blocks, freedom)
+    quantiles = student.ppf(0.5 + 0.5 * _LEVEL, freedom)
+    return _described(
+        problem, z, told, covariance, by_data, noise, blocks, wider, shifts, quantiles, mesh
     )
-    return _described(problem, z, told, covariance, noise, blocks, wider, shifts, quantiles, mesh)
 
 
 def _check(stated: Mapping[str, float]) -> None:
@@ -174,127 +176,11 @@ def _with_deviations(covariance: Floats, deviation: Floats) -> Floats:
     return np.asarray(covariance * np.outer(deviation / own, deviation / own))
 
 
-class _Sums:
-    """A, and the sums of ψ J over clusters.
-
-    A and the medians are means over points, which a sample tells; the sums over clusters are not.
-    """
-
-    def __init__(self, problem: Problem, columns: list[Floats]) -> None:
-        self.columns, self.squared = columns, problem.objective.squared
-        self.tests = problem.objective.tests
-        self.lengths = [
-            max(_LENGTHS * noise.correlation_length if noise else 0.0, _LEAST_CELL * test.radius)
-            for noise, test in zip(problem.objective.noise(), self.tests, strict=True)
-        ]
-        self._size = columns[0].shape[1]
-        self._grams: dict[tuple[int, int], Floats] = {}
-        self._residuals: dict[tuple[int, int], list[Floats]] = {}
-        self._of_cells: dict[tuple[int, ...], Floats] = {}
-        self._of_blocks: dict[tuple[int, ...], Floats] = {}
-        self._curvatures: dict[tuple[int, int], float] = {}
-        self._ranks = [np.argsort(np.argsort(test.pressure)) for test in self.tests]
-
-    def jacobian(self, look: Look) -> Floats:
-        """By the coordinates, (k, m, 3, free)."""
-        return np.tensordot(look.jacobian(), self.columns[look.test], (0, 0))
-
-    def weigh(self, look: Look) -> None:
-        """Take some points into A."""
-        seen = np.isfinite(look.residual)
-        weight = np.where(seen, look.scale[:, None], 0.0)
-        jacobian = self.jacobian(look)
-        for c in range(3):
-            part = jacobian[:, :, c].reshape(-1, self._size)
-            gram = part.T @ (part * weight[:, :, c].reshape(-1, 1))
-            key = (look.test, c)
-            self._grams[key] = self._grams.get(key, 0.0) + gram
-            self._residuals.setdefault(key, []).append(look.residual[:, :, c][seen[:, :, c]])
-
-    def places(self, test: int, position: Floats) -> NDArray[np.intp]:
-        """Cell by x and y, and sector, of points (m, 2) mm of a test: (m, 3)."""
-        cell = np.floor(position / self.lengths[test]).astype(np.intp)
-        angle = np.arctan2(position[:, 1], position[:, 0]) + np.pi
-        sector = np.minimum((angle * _SECTORS / (2 * np.pi)).astype(np.intp), _SECTORS - 1)
-        return np.column_stack([cell, sector])
-
-    def group(self, test: int, position: Floats) -> NDArray[np.intp]:
-        """A number (m,) for each of the `places` of points."""
-        places = self.places(test, position)
-        return np.unique(places, axis=0, return_inverse=True)[1].ravel()
-
-    def cluster(self, look: Look) -> None:
-        """Take some points into the sums over clusters."""
-        test = self.tests[look.test]
-        block = self._ranks[look.test][look.frames] * _FRAMES // max(test.n_frames, 1)
-        of_points = self.places(look.test, look.position)
-        places, which = np.unique(of_points, axis=0, return_inverse=True)
-        by_name = look.gathered(look.pull(squared=self.squared), which.ravel())
-        summed = np.tensordot(by_name, self.columns[look.test], (0, 0))  # (groups, frames, free)
-        for (x, y, around), rows in zip(places.tolist(), summed, strict=True):
-            for frame, early, row in zip(look.frames.tolist(), block.tolist(), rows, strict=True):
-                _add(self._of_cells, (look.test, frame, x, y), row)
-                _add(self._of_blocks, (look.test, early, around), row)
-
-    @property
-    def count_of_cells(self) -> int:
-        """Cells with anything in them."""
-        return len(self._of_cells)
-
-    @property
-    def count_of_blocks(self) -> int:
-        """Blocks with anything in them."""
-        return len(self._of_blocks)
-
-    def bread(self) -> Floats:
-        """A: for absolute residuals twice their density at zero, as of a normal distribution."""
-        out = np.zeros((self._size, self._size))
-        for key, gram in self._grams.items():
-            out += self.curvature(key) * gram
-        return out
-
-    def curvature(self, key: tuple[int, int]) -> float:
-        """E[ρ''] of a test's component, once all points are in."""
-        if self.squared:
-            return 1.0
-        if key not in self._curvatures:
-            left = np.concatenate(self._residuals[key])
-            deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9) if len(left) else np.inf
-            self._curvatures[key] = float(np.sqrt(2.0 / np.pi) / deviation)
-        return self._curvatures[key]
-
-    def cells(self) -> Floats:
-        """B by cells of frames."""
-        return _outer(self._of_cells)
-
-    def blocks(self) -> Floats:
-        """B by blocks of frames and sectors."""
-        return _outer(self._of_blocks)
-
-    def pull_of(self, look: Look, change: Floats) -> Floats:
-        """What a change (k, m, 3) mm of what is modelled adds to the slope, (free,)."""
-        seen = np.isfinite(look.residual)
-        curvature = np.array([self.curvature((look.test, c)) for c in range(3)])
-        weight = np.where(seen, look.scale[:, None] * curvature, 0.0)
-        return np.einsum("kmc,kmcp->p", weight * change, self.jacobian(look))
-
-
-def _add(sums: dict[tuple[int, ...], Floats], key: tuple[int, ...], row: Floats) -> None:
-    sums[key] = sums.get(key, 0.0) + row
-
-
-def _outer(sums: Mapping[tuple[int, ...], Floats]) -> Floats:
-    """Σ s sᵀ, scaled up for the clusters' number as in a variance."""
-    rows = np.array(list(sums.values()))
-    count = len(rows)
-    return rows.T @ rows * (count / max(count - 1, 1))
-
-
 def _shifts(
     problem: Problem,
     z: Floats,
     shapes: list[Shapes],
-    sums: _Sums,
+    scores: Scores,
     inverse: Floats,
     stated: Mapping[str, float],
 ) -> tuple[dict[str, Floats], list[float] | None]:
@@ -304,7 +190,7 @@ def _shifts(
     out: dict[str, Floats] = {}
     mesh: list[float] | None = None
     if all(field is not None for field in left):
-        out["mesh"] = _moved(problem, shapes, sums, inverse, _with_corrections(left))
+        out["mesh"] = _moved(problem, shapes, scores, inverse, _with_corrections(left))
         rms = [np.sqrt((field**2).mean(axis=(0, 1))) for field in left if field is not None]
         mesh = np.max(rms, axis=0).tolist()
     for name, size in stated.items():
@@ -313,7 +199,7 @@ def _shifts(
             out[name] = _of_moduli(problem, z, size)
             continue
         try:
-            out[name] = _moved(problem, shapes, sums, inverse, _with_test(problem, z, name, size))
+            out[name] = _moved(problem, shapes, scores, inverse, _with_test(problem, z, name, size))
         except BulgefitError:
             continue
     return out, mesh
@@ -324,7 +210,7 @@ _Other = Callable[[int, VirtualTest, Shapes], tuple[VirtualTest, Shapes]]
 
 
 def _moved(
-    problem: Problem, shapes: list[Shapes], sums: _Sums, inverse: Floats, other: _Other
+    problem: Problem, shapes: list[Shapes], scores: Scores, inverse: Floats, other: _Other
 ) -> Floats:
     """Change of the optimum where the model is another: A⁻¹ Σ E[ρ''] J (change of the model)."""
     objective = problem.objective
@@ -341,7 +227,7 @@ def _moved(
         twin, there = others[part]
         moved = twin.observe(there, (), view.block, chunk)
         change = (moved.displacement - here.displacement)[view.rows]
-        pull += sums.pull_of(look, change)
+        pull += scores.pull_of(look, change)
     return -inverse @ pull
 
 
@@ -392,6 +278,7 @@ def _described(
     z: Floats,
     told: NDArray[np.bool_],
     covariance: Floats,
+    by_data: Floats,
     noise: Floats,
     blocks: Floats,
     wider: Floats,
@@ -419,11 +306,21 @@ def _described(
         by_block[p.name] = float(np.sqrt(blocks[j, j])) * unit
         parts[p.name] = {"data": float(wider[j]) * unit}
         parts[p.name] |= {name: abs(float(shift[j])) * unit for name, shift in shifts.items()}
+    known = [name for name in names if stderr[name] is not None]
+    correlation, own = (_correlations(c, names, known) for c in (covariance, by_data))
+    return Uncertainty(
+        covariance, stderr, intervals, by_noise, by_block, parts, correlation, own, mesh
+    )
+
+
+def _correlations(
+    covariance: Floats, names: Sequence[str], known: Sequence[str]
+) -> dict[tuple[str, str], float]:
+    """Of each two that have an error."""
     deviation = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = {
+    return {
         (names[i], names[j]): float(covariance[i, j] / (deviation[i] * deviation[j]))
         for i in range(len(names))
         for j in range(i)
-        if stderr[names[i]] is not None and stderr[names[j]] is not None
+        if names[i] in known and names[j] in known
     }
-    return Uncertainty(covariance, stderr, intervals, by_noise, by_block, parts, correlation, mesh)

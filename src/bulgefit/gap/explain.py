@@ -243,16 +243,27 @@ def _searched(
     if creased is not None and creased.is_content:
         creased.finish()
         return plain.search, creased.search, creased.search
-    plain.ways.with_fields()
-    paid = creased is not None and _score(creased.search) < plain.search.best.score
-    chosen = creased if creased is not None and paid else plain
-    found = chosen
+    whole = plain.ways.with_fields()
+    if creased is not None and _score(creased.search) >= plain.search.best.score:
+        creased = None
+    found = plain if creased is None else creased
+    best = found.search.best
+    # coordinates by the hundred that nothing asks for may cost fields more than others leave
+    if (
+        whole is not None
+        and whole is not best
+        and plain.search.promise(whole) < found.search.promise(best)
+    ):
+        found, creased = (
+            replace(plain, search=replace(plain.search, fits={whole.model: whole})),
+            None,
+        )
     for settle in (_Trial.thinned, _Trial.settled):
         say("units anew")
         for index, p in enumerate(prepared):
             fix_units(p, found.search.best.here.near[index])
         found = settle(found.anew(_thinned([p.data for p in prepared])))
-    return plain.search, creased.search if creased is not None and paid else None, found.search
+    return plain.search, None if creased is None else creased.search, found.search
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,16 +16,17 @@ __all__ = ["EFFECT"]
 Floats = NDArray[np.float64]
 
 #: Orders over the angle, and powers of the decades of time: at an even pace per decade, as what
-#: creeps does, and a creep that dies down or sets in.
+#: creeps does, and a creep that dies down or sets in. Traction of other cloth than a flat, linear
+#: one goes with another power of pressure: so "d" has it squared, alike all round.
 _ORDERS, _PACES = range(3), (1, 2)
-_WAVES = tuple((kind, m, k) for k in _PACES for m in _ORDERS for kind in ("cs" if m else "c"))
+_WAVES = tuple((kind, m, k) for k in _PACES for m in _ORDERS for kind in ("cs" if m else "cd"))
 _NAMES = tuple(f"{kind}{m}_{k}" for kind, m, k in _WAVES)
 #: Angles at which the field is looked at.
 _LOOK = 360
 
 
 class SlowSlipField(Field):
-    """The rim moves inwards by Σ (c cos mφ + s sin mφ) s D^k, s its traction, D decades of time.
+    """The rim moves inwards by Σ ((c + d t) cos mφ + s sin mφ) t Dᵏ, t traction, D decades of time.
 
     Both over their values at the last frame.
     """
@@ -53,14 +54,16 @@ class SlowSlipField(Field):
             return clamping
         course = passed / max(float(passed.max()), 1e-9)
         inwards = sum(
-            np.outer(clamping.loaded * course**k, _round(own, clamping.angle, k)) for k in _PACES
+            np.outer(clamping.loaded * course**k, _round(own, clamping.angle, k))
+            + own[f"d0_{k}"] * (clamping.loaded**2 * course**k)[:, None]
+            for k in _PACES
         )
         return replace(clamping, inwards=clamping.pulled(np.asarray(inwards)))
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """Round the rim."""
         degree = np.arange(_LOOK) * 360.0 / _LOOK
-        motion = sum(_round(own, np.deg2rad(degree), k) for k in _PACES)
+        motion = sum(_round(own, np.deg2rad(degree), k) + own[f"d0_{k}"] for k in _PACES)
         return Sampled(np.asarray(motion), {"angle_degree": degree})
 
 
@@ -68,7 +71,7 @@ def _round(own: Own, angle: Floats, pace: int) -> Floats:
     """Of one pace, at angles (n,) rad."""
     out = np.zeros(len(angle))
     for name, (kind, m, k) in zip(_NAMES, _WAVES, strict=True):
-        if k == pace and own[name]:
+        if k == pace and kind != "d" and own[name]:
             out += own[name] * (np.cos(m * angle) if kind == "c" else np.sin(m * angle))
     return out
 

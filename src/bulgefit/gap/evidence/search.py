@@ -58,8 +58,9 @@ class Search(Generic[Kind]):
         Fit no closer than others may start from.
     share : float
         End fits where a step gains less than this share of the misfit beyond the noise.
-    turned : set of Model
-        Those that were fitted from other sides of what is periodic, too.
+    renewed : set of Model
+        Those from which one group was tried in the place of several, and other sides of what is
+        periodic.
     """
 
     problem: Kind
@@ -69,7 +70,7 @@ class Search(Generic[Kind]):
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
     share: float = 0.0
-    turned: set[Model] = field(default_factory=set)
+    renewed: set[Model] = field(default_factory=set)
 
     @property
     def best(self) -> Fit:
@@ -146,7 +147,7 @@ class Search(Generic[Kind]):
             around = self.around(fit)
             changes = fewer - len(fit.model) if fewer is not None and fit is not self.best else None
             better = self._thinned(fit, around) or self._changed(fit, around, changes)
-            better = better or self._turned(fit)
+            better = better or self._renewed(fit, around)
             if better is None:
                 break
             fit = better
@@ -208,14 +209,7 @@ class Search(Generic[Kind]):
 
     def _thinned(self, fit: Fit, around: Linearised) -> Fit | None:
         """With all that the forecast can do without taken out; with less if that was wrong."""
-        path = [fit.model]
-        while True:
-            forecast = self._forecasts(around, path[-1])
-            score = forecast(path[-1])
-            options = [(forecast(m), m) for m in self._smaller(path[-1])]
-            if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
-                break
-            path.append(best[1])
+        path = self._path(fit.model, around)[0]
         reach = len(path) - 1
         while reach > 0:
             found = self._refit(path[reach], around)
@@ -223,6 +217,21 @@ class Search(Generic[Kind]):
                 return found
             reach //= 2
         return None
+
+    def promise(self, fit: Fit) -> float:
+        """-2 ln Z of what is left when all is taken out that the forecast can do without."""
+        return self._path(fit.model, self.around(fit))[1]
+
+    def _path(self, model: Model, around: Linearised) -> tuple[list[Model], float]:
+        """Ever smaller models, as long as the forecast evidence rises, and that of the last."""
+        path = [model]
+        while True:
+            forecast = self._forecasts(around, path[-1])
+            score = forecast(path[-1])
+            options = [(forecast(m), m) for m in self._smaller(path[-1])]
+            if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
+                return path, score
+            path.append(best[1])
 
     def _changed(self, fit: Fit, around: Linearised, changes: int | None = None) -> Fit | None:
         """With the change that raises the evidence, of those that are forecast to do so most.
@@ -251,6 +260,37 @@ class Search(Generic[Kind]):
                 return found
         return None
 
+    def _renewed(self, fit: Fit, around: Linearised) -> Fit | None:
+        """What the best model is changed to by more than one change, once for each model."""
+        if fit is not self.best or fit.model in self.renewed:
+            return None
+        self.renewed.add(fit.model)
+        return self._replaced(fit, around) or self._turned(fit)
+
+    def _replaced(self, fit: Fit, around: Linearised) -> Fit | None:
+        """With one group in the place of several that stand for it.
+
+        Beside them it gains nothing, and in the place of one of them it loses.
+        """
+        forecast_of = self._forecasts(around, fit.model)
+        found = dict[Model, float]()
+        for larger in self._larger(fit.model):
+            model, score = larger, forecast_of(larger)
+            while options := [(forecast_of(m), m) for m in self._smaller(model)]:
+                best = min(options, key=lambda o: o[0])
+                if best[0] >= score:
+                    break
+                score, model = best
+            if len(set(dict(fit.model)) - set(dict(model))) > 1 and model not in self.fits:
+                found[model] = score
+        here = forecast_of(fit.model)
+        for model in sorted(found, key=lambda m: found[m])[:TRIES]:
+            if found[model] < here:
+                better = self._refit(model, around)
+                if better is not None and better.score < fit.score:
+                    return better
+        return None
+
     def _turned(self, fit: Fit) -> Fit | None:
         """The best model, if it does better from another side of what is periodic.
 
@@ -258,9 +298,6 @@ class Search(Generic[Kind]):
         and every step between is worse. In its largest form: of two sides that do as well in a
         smaller one, the larger one tells the right one.
         """
-        if fit is not self.best or fit.model in self.turned:
-            return None
-        self.turned.add(fit.model)
         for name, at in self.layout.turning(fit.model):
             larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
             for start in list(self.layout.sides(fit.x, at))[1:]:

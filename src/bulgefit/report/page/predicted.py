@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.parameter import of_specimen
+from bulgefit.effects.parameter import by_key, of_specimen
 from bulgefit.fem.mesh import DEFAULT_REFINE
 from bulgefit.gap.normal import offsets_of
 from bulgefit.gap.specimen import Specimen
@@ -33,7 +33,7 @@ def of_fit(test: BulgeTest, result: Mapping[str, Any], index: int) -> list[Float
         No equilibrium at the test's pressures.
     """
     values = {name: found["value"] for name, found in result["parameters"].items()}
-    own = of_specimen(values, index)
+    own = of_specimen(by_key(values), index)
     material = {name: value for name, value in own.items() if "." not in name}
     effects = {name: value for name, value in own.items() if "." in name}
     settings = result["settings"]
@@ -77,7 +77,7 @@ def of_diagnosis(
     """
     specimen = Specimen(test, law=law)
     with one_blas_thread():
-        shapes = specimen.shapes(of_specimen(values, index))
+        shapes = specimen.shapes(of_specimen(by_key(values), index))
         correct_mesh(specimen, shapes)
         prediction = specimen.observe(shapes)
     if trust is None:
