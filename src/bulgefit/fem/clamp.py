@@ -81,8 +81,12 @@ class Clamp:
 
     @property
     def by_compliance(self) -> Floats:
-        """∂(stiffness)/∂(compliance), (rim, 2, 2) N²/mm²: of -length/compliance² radially."""
-        soft = -self.length / max(self.compliance, LEAST_COMPLIANCE) ** 2
+        """∂(stiffness)/∂(compliance), (rim, 2, 2) N²/mm²: of -length/compliance² radially.
+
+        Nothing where the clamp is as hard as it gets.
+        """
+        gives = self.compliance >= LEAST_COMPLIANCE
+        soft = -self.length / self.compliance**2 if gives else np.zeros_like(self.length)
         return np.asarray(soft[:, None, None] * self.radial[:, :, None] * self.radial[:, None, :])
 
     def stretch(self, displacement: Floats) -> Floats:
