@@ -12,6 +12,7 @@ from bulgefit.effects.fields.stiffness_field import CENTRES
 from bulgefit.effects.places import Cloth
 from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields, scatter
 from bulgefit.errors import InputError
+from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -179,22 +180,79 @@ def test_the_rim_moves_inwards_by_its_waves(virtual: VirtualTest):
     np.testing.assert_allclose(found.values, by_angle, atol=1e-12)
 
 
-def test_the_rim_goes_on_giving_by_the_decade(virtual: VirtualTest):
-    """No time at the first frame, half a minute at the second, ten at the third."""
-    values = {"slow_slip_field.c0_1": 0.2, "slow_slip_field.s1_2": 0.1}
-    shapes = virtual.shapes({**VALUES, **values})
-    rim = virtual.mesh.nodes[virtual.mesh.rim]
-    angle = np.arctan2(rim[:, 1], rim[:, 0])
+def course_of(virtual: VirtualTest) -> np.ndarray:
+    """Decades of time over those of the last frame: none at the first."""
     passed = virtual.time - virtual.time[0]
     decades = np.log10(1.0 + passed / np.median(np.diff(virtual.time)))
-    course = (decades / decades[-1])[:, None]
+    return np.asarray(decades / decades[-1])
+
+
+def test_the_rim_goes_on_giving_by_the_decade(virtual: VirtualTest):
+    """No time at the first frame, half a minute at the second, ten at the third."""
+    shapes = virtual.shapes({**VALUES, "slow_slip_field.s1_2": 0.1})
+    rim = virtual.mesh.nodes[virtual.mesh.rim]
+    angle = np.arctan2(rim[:, 1], rim[:, 0])
     load = (virtual.recorded[:, None] / virtual.recorded.max()) ** (2 / 3)
-    inwards = load * (0.2 * course + 0.1 * course**2 * np.sin(angle))
+    inwards = load * 0.1 * course_of(virtual)[:, None] ** 2 * np.sin(angle)
     moved = inwards[..., None] * -rim / 100.0
     np.testing.assert_allclose(shapes.displacement[:, virtual.mesh.rim, :2], moved, atol=1e-12)
     field = fields()["slow_slip_field"]
     size, where = field.sampled(own(field, c0_1=0.2, s1_2=0.1), 100.0, virtual.recorded).largest
     assert (size, where) == (pytest.approx(0.3), {"angle_degree": pytest.approx(90.0)})
+
+
+def test_what_gives_more_all_round_is_a_clamp_that_slips_more_in_each_frame(virtual: VirtualTest):
+    """0.2 mm under 10 N/mm at the last frame, beside a slip of 0.01 mm per N/mm."""
+    slip = {"clamp_slip.compliance": 0.01}
+    eased = virtual.shapes({**VALUES, **slip, "slow_slip_field.c0_1": 0.2})
+    assert virtual.mesh.rim.size
+    for frame, course in enumerate(course_of(virtual)):
+        alike = virtual.shapes({**VALUES, "clamp_slip.compliance": 0.01 + 0.02 * course})
+        np.testing.assert_allclose(
+            eased.displacement[frame], alike.displacement[frame], rtol=0.0, atol=1e-8
+        )
+
+
+@pytest.mark.parametrize("given", [0.0, 0.15])
+def test_derivatives_by_a_slow_slip_are_those_of_differences(virtual: VirtualTest, given: float):
+    values = {
+        **VALUES,
+        "clamp_slip.compliance": 0.01,
+        "slow_slip_field.c0_1": given,
+        "slow_slip_field.s1_2": 0.05,
+        "clamp_shape.radius_error": 0.4,
+    }
+    names = ["clamp_slip.compliance", *(f"slow_slip_field.{n}" for n in ("c0_1", "c0_2", "s1_2"))]
+    names += ["clamp_shape.radius_error", "E1"]
+    here = virtual.predict(values, names)
+    for name, derivative in zip(names, here.derivative, strict=True):
+        step = {"clamp_slip.compliance": 1e-5, "E1": 0.1}.get(name, 1e-3)
+        ends = [
+            virtual.predict({**values, name: values.get(name, 0.0) + h}, near=here.shapes)
+            for h in (step, -step)
+        ]
+        change = (ends[0].displacement - ends[1].displacement) / (2.0 * step)
+        np.testing.assert_allclose(derivative, change, atol=2e-5 * np.abs(change).max())
+
+
+def test_coupled_cloth_is_turned_cloth_to_first_order(virtual: VirtualTest):
+    """Turning an orthotropic law by a small angle makes D13 and D23, and nothing else, to first
+    order: D13 = a (D11 - D12 - 2 D33), D23 = a (D12 + 2 D33 - D22) of warp at -a."""
+    turn = 1e-3
+    e1, e2, g12 = (VALUES[name] for name in ("E1", "E2", "G12"))
+    nu12 = virtual.test.poisson_ratio
+    d11, d22, d12, d33 = orthotropic_stiffness(e1, e2, g12, nu12)
+    d13, d23 = turn * (d11 - d12 - 2.0 * d33), turn * (d12 + 2.0 * d33 - d22)
+    coupling = {"c_x": d13 / np.sqrt(e1 * g12), "c_y": d23 / np.sqrt(e2 * g12)}
+    plain = virtual.predict(VALUES).displacement
+    coupled, turned = (
+        virtual.predict({**VALUES, **more}).displacement - plain
+        for more in (
+            {f"coupling_field.{name}": value for name, value in coupling.items()},
+            {"axis_misalignment.angle": float(np.rad2deg(turn))},
+        )
+    )
+    assert np.abs(coupled - turned).max() < 0.01 * np.abs(turned).max()
 
 
 def test_a_rim_on_springs_is_pulled_at_their_ends(virtual: VirtualTest):

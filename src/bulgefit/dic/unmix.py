@@ -40,6 +40,9 @@ _LEAST = 3
 #: Share of the radius within which the surface is smooth beside the noise, and units of usual
 #: noise (its median) at which a point counts as corrupt.
 _CALM, _WILD = 0.7, 6.0
+#: Points by which noise of frames is compared at least: from three components each, shares are
+#: then known to a tenth.
+_FEW = 40
 #: Share of its gap to which a corner must be known: what a straight line does over a hundredth of
 #: the way between two frames is far below what the fabric does between them.
 _KNOWN = 0.01
@@ -261,6 +264,8 @@ def _with_own_ends(
     # towards the rim the surface itself is rough
     rough = rough[:, np.hypot(*points.T) < _CALM]
     seen = np.isfinite(rough).all(axis=(0, 2))
+    if seen.sum() < _FEW:
+        return inner
     rough = rough[:, seen] / np.median(np.abs(rough[:, seen]), axis=1, keepdims=True)
     noise = np.clip(rough, -_WILD, _WILD).reshape(len(frames), -1)
     # what goes smoothly with pressure is in all frames: each is told from all others

@@ -53,6 +53,8 @@ class Cloth:
     curve : (2, knots) array or None
         Logarithms of the slope of stress along warp, fill, over that at rest, at the strains
         `bulgefit.fem.laws.potential.KNOTS`; None: it is the same everywhere.
+    coupling : (2,) tuple
+        D13 and D23, over √(E1 G12) and √(E2 G12).
     thickness : (m, 4) array or None
         Stiffness (thickness) of the Gauss points over the nominal one.
     """
@@ -68,6 +70,7 @@ class Cloth:
     bend: tuple[float, float] = (0.0, 0.0)
     knee: tuple[float, float] = (KNEE, KNEE)
     curve: Floats | None = None
+    coupling: tuple[float, float] = (0.0, 0.0)
     thickness: Floats | None = None
 
     def thickened(self, factor: Floats) -> Floats:
@@ -89,6 +92,8 @@ class Clamping:
         Seconds, where the test tells them.
     compliance : float or None, mm per N/mm
         The rim moves inwards by this times the radial edge traction; None: it is held.
+    eased : (frames,) array or None, mm per N/mm
+        By how much more the clamp gives in each frame; None: always alike.
     lift : (frames, rim) array or None, mm
         How far the rim has risen; None: it stays.
     inwards : (frames, rim) array or None, mm
@@ -99,6 +104,7 @@ class Clamping:
     angle: Floats
     pressure: Floats
     compliance: float | None = None
+    eased: Floats | None = None
     lift: Floats | None = None
     inwards: Floats | None = None
     time: Floats | None = None
@@ -128,6 +134,10 @@ class Clamping:
         """
         bar = np.maximum(self.pressure, 0.0) / _BAR
         return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
+
+    def giving(self, by: Floats) -> Floats:
+        """`eased` and further (frames,) mm per N/mm."""
+        return by if self.eased is None else self.eased + by
 
     def lifted(self, by: Floats) -> Floats:
         """`lift` and further (frames, rim) mm."""

@@ -51,21 +51,43 @@ class Clamp:
         centred = positions[self.rim, :2]
         self.radial = centred / np.linalg.norm(centred, axis=1, keepdims=True)
         self.length = _rim_lengths(mesh, positions)
+        self.compliance = compliance
+        self.stiffness = self._springs(compliance)
+        self.ends = np.zeros_like(centred)
+        self._place = _places(mesh, linear, self.rim)
+
+    def _springs(self, compliance: float) -> Floats:
+        """Stiffness (rim, 2, 2) N/mm of the rim's springs."""
         soft = self.length / max(compliance, LEAST_COMPLIANCE)
         hard = self.length / LEAST_COMPLIANCE
         along = np.stack([-self.radial[:, 1], self.radial[:, 0]], axis=1)
-        self.stiffness = (
+        return np.asarray(
             soft[:, None, None] * self.radial[:, :, None] * self.radial[:, None, :]
             + hard[:, None, None] * along[:, :, None] * along[:, None, :]
         )
-        self.ends = np.zeros_like(centred)
-        self._place = _places(mesh, linear, self.rim)
 
     def pulled_at(self, ends: Floats) -> Clamp:
         """The same springs with their outer ends displaced by (rim, 2) mm."""
         out = copy(self)
         out.ends = ends
         return out
+
+    def at(self, compliance: float) -> Clamp:
+        """The same springs with another compliance, mm per N/mm."""
+        out = copy(self)
+        out.compliance = compliance
+        out.stiffness = out._springs(compliance)
+        return out
+
+    @property
+    def by_compliance(self) -> Floats:
+        """∂(stiffness)/∂(compliance), (rim, 2, 2) N²/mm²: of -length/compliance² radially.
+
+        Nothing where the clamp is as hard as it gets.
+        """
+        gives = self.compliance >= LEAST_COMPLIANCE
+        soft = -self.length / self.compliance**2 if gives else np.zeros_like(self.length)
+        return np.asarray(soft[:, None, None] * self.radial[:, :, None] * self.radial[:, None, :])
 
     def stretch(self, displacement: Floats) -> Floats:
         """Of the springs (rim, 2) mm at a displacement (n, 3) mm."""

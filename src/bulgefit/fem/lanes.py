@@ -5,8 +5,8 @@ branches, and with series for the logarithms no calls, so the compiler takes sev
 time. Points that are not so plain are told apart, and left to `relaxation.respond`, and so are all
 points of a law that has no functions for the lanes.
 
-Bends and curves of the stress are added where there are any: W, S and CC are linear in the
-potential and its derivatives by strain.
+Bends, curves and couplings of the stress are added where there are any: W, S and CC are linear in
+the potential and its derivatives by strain.
 """
 
 from __future__ import annotations
@@ -144,10 +144,14 @@ def stress_in_lanes(measure, weight, q, stress):
             stress[i, c] = t1 * measure[3 + i, c] + t2 * measure[6 + i, c] + t3 * measure[9 + i, c]
     if is_bent(q):
         for c in range(LANES):
-            _, t1, t2, _, _, _, _, _ = bent_potential(measure[0, c], measure[1, c], q)
-            t1, t2 = weight[c] * t1, weight[c] * t2
+            _, t1, t2, t3, _, _, _, _ = bent_potential(
+                measure[0, c], measure[1, c], measure[2, c], q
+            )
+            t1, t2, t3 = weight[c] * t1, weight[c] * t2, weight[c] * t3
             for i in range(3):
-                stress[i, c] += t1 * measure[3 + i, c] + t2 * measure[6 + i, c]
+                stress[i, c] += (
+                    t1 * measure[3 + i, c] + t2 * measure[6 + i, c] + t3 * measure[9 + i, c]
+                )
 
 
 @merged

@@ -87,6 +87,9 @@ class Fabric:
         Logarithm of the slope of stress along warp and fill, over the modulus in uniaxial tension,
         at the elastic strains `KNOTS`: linear between them, constant beyond, so that the stress
         along either is a smooth monotone function of its strain. None: straight, as zeros.
+    coupling : (2,) tuple, MPa
+        D13 and D23: stress along warp and fill from the engineering shear strain, and shear stress
+        from theirs, as where a layer lies at an angle.
     compliance : float, mm per N/mm, or None
         The rim moves inwards by this times the radial edge traction; None: it is held.
     """
@@ -98,6 +101,7 @@ class Fabric:
     bend: tuple[float, float] = (0.0, 0.0)
     knee: tuple[float, float] = (0.01, 0.01)
     curve: Floats | None = None
+    coupling: tuple[float, float] = (0.0, 0.0)
     compliance: float | None = None
 
     @property
@@ -111,11 +115,24 @@ class Fabric:
         Raises
         ------
         InputError
-            A curve that is none, or whose slopes leave no positive definite law.
+            A curve that is none, or slopes or couplings that leave no positive definite law.
         """
+        if any(self.coupling):
+            _check_coupling(self.coupling, stiffness)
         own = *self.slack, *self.gain, *self.bend, *self.knee
         curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel().tolist()
-        return (*map(float, (*stiffness, *own)), *curve)
+        return (*map(float, (*stiffness, *own)), *curve, *map(float, self.coupling))
+
+
+def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
+    d11, d22, d12, d33 = stiffness
+    d13, d23 = coupling
+    whole = np.array([[d11, d12, d13], [d12, d22, d23], [d13, d23, d33]])
+    if not np.linalg.eigvalsh(whole).min() > 0.0:
+        raise InputError(
+            f"coupling: D13 = {d13:.4g}, D23 = {d23:.4g} MPa leave no positive strain energy "
+            f"beside D33 = {d33:.4g} MPa; make them smaller"
+        )
 
 
 _NO_CURVE = (0.0,) * (2 * len(KNOTS))
@@ -234,6 +251,13 @@ class Membrane:
         """The same with the outer ends of its clamp's springs displaced by (rim, 2) mm."""
         out = copy(self)
         out.clamp = None if self.clamp is None else self.clamp.pulled_at(ends)
+        return out
+
+    def eased(self, by: float) -> Membrane:
+        """The same with a clamp that gives by so much more, mm per N/mm."""
+        out = copy(self)
+        if self.clamp is not None:
+            out.clamp = self.clamp.at(self.clamp.compliance + by)
         return out
 
     def _solver(self, name: str | None) -> LinearSolver:
@@ -363,7 +387,7 @@ class Membrane:
         return self.law_changes(displacement, below, above) / (2.0 * np.diag(steps)[:, None])
 
     def law_changes(self, displacement: Floats, before: Floats, after: Floats) -> Floats:
-        """Changes of R with the law's parameters (k, 24), at fixed displacement: (k, N) N."""
+        """Changes of R with the law's parameters (k, 26), at fixed displacement: (k, N) N."""
         for q in (before, after):
             if q.shape != (len(before), len(PARAMETERS)):
                 raise InputError(

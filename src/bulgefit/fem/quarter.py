@@ -178,7 +178,7 @@ def quarter_of(membrane: Membrane) -> Quarter | None:
 
 def _quarter_of(membrane: Membrane) -> Quarter | None:
     fabric = membrane.fabric
-    uneven = fabric.surface is not None or fabric.thickness is not None
+    uneven = fabric.surface is not None or fabric.thickness is not None or any(fabric.coupling)
     if uneven or fabric.compliance is not None or membrane.angle != 0.0 or membrane.ties:
         return None
     try:

@@ -23,7 +23,7 @@ from bulgefit.model.parameters import Material
 from bulgefit.model.setup import Setup
 from bulgefit.shown import Drawn
 
-__all__ = ["FORMAT", "FitResult", "Stability", "bounded", "describe_tests", "versions"]
+__all__ = ["FORMAT", "FitResult", "Stability", "bounded", "describe_tests", "unit_of", "versions"]
 
 #: Version of the layout of the JSON.
 FORMAT = 2
@@ -131,7 +131,7 @@ class FitResult(Drawn):
         free = {p.name: p for p in self.free}
         parameters = {}
         for name, value in {**self.material.values, **self.effects}.items():
-            entry: dict[str, Any] = {"value": value, "unit": _unit(name, free)}
+            entry: dict[str, Any] = {"value": value, "unit": unit_of(name, free)}
             if name in free:
                 low_high = self.uncertainty.interval95[name]
                 entry |= {
@@ -210,7 +210,7 @@ class FitResult(Drawn):
         known = {**self.material.values, **self.effects}
         width = max(5, *(len(name) for name in known)) + 1
         for name, value in known.items():
-            unit = _unit(name, free)
+            unit = unit_of(name, free)
             shown = f"  {name:<{width}}{value:>12.6g} {'' if unit == '1' else unit:<4} "
             lines.append(shown + (self._sure_of(free[name]) if name in free else "held"))
         for name in self.uncertainty.differing():
@@ -258,8 +258,9 @@ def bounded(parameter: Parameter, value: float) -> bool:
     return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
 
 
-def _unit(name: str, free: Mapping[str, Parameter]) -> str:
-    if name in free:
+def unit_of(name: str, free: Mapping[str, Parameter] | None = None) -> str:
+    """The unit of a parameter, told by its name where it is none of those that are free."""
+    if free and name in free:
         return free[name].unit
     key = Key.read(name)
     if key.effect:

@@ -83,8 +83,7 @@ def explain(
     usable = [e for e in effects if not e.never_separable]
     whole = [p.data for p in prepared]
     several = len(whole) > 1
-    # of one test, a gauge that errs over pressure looks like a cloth whose law is bent
-    usable += [f for f in _stepped_fields(whole) if several or not f.shared]
+    usable += [f for f in _stepped_fields(whole) if several or not f.of_several]
     if several:
         usable += scatter().values()
     nulls = [d.specimen.nulls() for d in whole]

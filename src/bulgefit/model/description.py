@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -55,6 +56,8 @@ class Description:
     edge : (frames, rim, 3) array or None, mm
         Displacement of the rim's nodes in each frame; in the plane, where they slip, that of the
         springs' outer ends.
+    eased : (frames,) array or None, mm per N/mm
+        By how much more than the fabric's compliance the clamp gives in each frame.
     """
 
     stiffness: Floats
@@ -62,6 +65,7 @@ class Description:
     fabric: Fabric
     load: Load
     edge: Floats | None
+    eased: Floats | None = None
 
     @property
     def law_parameters(self) -> tuple[float, ...]:
@@ -75,8 +79,8 @@ class Description:
         And neither slack nor taut at rest: else paths do not begin as a flat membrane's do.
         """
         fabric = self.fabric
-        uneven = fabric.surface is not None or fabric.thickness is not None
-        moves = fabric.compliance is not None or self.edge is not None
+        uneven = fabric.surface is not None or fabric.thickness is not None or any(fabric.coupling)
+        moves = not (fabric.compliance is None and self.edge is None and self.eased is None)
         return not (uneven or moves or any(fabric.slack)) and self.angle == 0.0
 
     def lies_as(self, other: Description) -> bool:
@@ -88,6 +92,7 @@ class Description:
             and _same(here.surface, there.surface)
             and _same(here.thickness, there.thickness)
             and _same(self.edge, other.edge)
+            and _same(self.eased, other.eased)
         )
 
 
@@ -175,12 +180,12 @@ def describe(
     else:
         surface = _surface(mesh.nodes / scale, active, scale)
     if there := kept("load", "clamp"):
-        edge, compliance = there.edge, there.fabric.compliance
+        edge, eased, compliance = there.edge, there.eased, there.fabric.compliance
     else:
-        edge, compliance = _clamped(mesh, load, time, active, slips=slips)
+        edge, eased, compliance = _clamped(mesh, load, time, active, slips=slips)
     if there := kept("material"):
         fabric = replace(there.fabric, surface=surface, compliance=compliance)
-        return replace(there, fabric=fabric, load=load, edge=edge)
+        return replace(there, fabric=fabric, load=load, edge=edge, eased=eased)
     cloth = _cloth(values, active, _gauss_points(mesh) / scale)
     return Description(
         stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
@@ -188,6 +193,7 @@ def describe(
         fabric=_fabric(cloth, surface, compliance),
         load=load,
         edge=edge,
+        eased=eased,
     )
 
 
@@ -213,16 +219,16 @@ def _surface(unit: Floats, active: Active, scale: Floats | float) -> Floats | No
 
 def _clamped(
     mesh: Mesh, load: Load, time: Floats | None, active: Active, *, slips: bool
-) -> tuple[Floats | None, float | None]:
-    """Displacement of the rim's nodes and the clamp's compliance."""
+) -> tuple[Floats | None, Floats | None, float | None]:
+    """Displacement of the rim's nodes, what the clamp gives more by frame, and its compliance."""
     rim = mesh.nodes[mesh.rim]
     clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied, time=time)
     for effect, own in active:
         clamping = effect.clamp(own, clamping)
     compliance = clamping.compliance
-    if compliance is not None or slips:
+    if compliance is not None or clamping.eased is not None or slips:
         compliance = max(compliance or 0.0, LEAST_SLIP)
-    return clamping.edge, compliance
+    return clamping.edge, clamping.eased, compliance
 
 
 def cloth_law(values: Values, nulls: Values) -> tuple[Floats, Fabric]:
@@ -264,6 +270,10 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
         bend=(cloth.bend[0] * cloth.E1, cloth.bend[1] * cloth.E2),
         knee=cloth.knee,
         curve=cloth.curve,
+        coupling=(
+            cloth.coupling[0] * math.sqrt(cloth.E1 * cloth.G12),
+            cloth.coupling[1] * math.sqrt(cloth.E2 * cloth.G12),
+        ),
         compliance=compliance,
     )
 

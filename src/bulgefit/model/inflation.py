@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
@@ -83,6 +84,16 @@ class Change:
     def rate(self) -> Floats:
         """∂(balanced pressure)/∂(the parameter), (frames,)."""
         return np.asarray((self.above.load.balanced - self.below.load.balanced) / self.span)
+
+    @property
+    def easing(self) -> Floats:
+        """∂(what the clamp gives, mm per N/mm)/∂(the parameter), (frames,)."""
+
+        def gives(end: Description) -> Floats:
+            compliance = np.full(len(end.load.balanced), end.fabric.compliance or 0.0)
+            return compliance if end.eased is None else compliance + end.eased
+
+        return (gives(self.above) - gives(self.below)) / self.span
 
     @property
     def of_law(self) -> bool:
@@ -266,7 +277,7 @@ class Inflation:
             rim = self.mesh.rim
             guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
         forces = _Forces(self, membrane, given, changes)
-        alike = not changes and given.edge is None
+        alike = not changes and given.edge is None and given.eased is None
         quarter = self._mirrored(membrane, guesses) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
@@ -278,7 +289,8 @@ class Inflation:
                     membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
                 )
                 return *found, np.zeros((0, *guesses[frame].shape))
-            own = membrane if given.edge is None else membrane.pulled_at(given.edge[frame, :, :2])
+            own = membrane if given.eased is None else membrane.eased(float(given.eased[frame]))
+            own = own if given.edge is None else own.pulled_at(given.edge[frame, :, :2])
             balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
             fields = forces.fields(balance, frame)
             spent = balance.factorisations
@@ -328,7 +340,7 @@ class Inflation:
         else:
             low, high = float(pressure.min()), float(pressure.max())
             path = trace_by_quarter(
-                membrane,
+                membrane if given.eased is None else membrane.eased(float(given.eased.mean())),
                 given.stiffness,
                 (min(low, 0.5 * high), high),
                 tolerance=0.05,
@@ -359,6 +371,7 @@ class _Forces:
     ) -> None:
         self._membrane, self._stiffness, self._changes = membrane, given.stiffness, changes
         self._ends = None if given.edge is None else given.edge[..., :2]
+        self._eased = given.eased
         self._rim = inflation.mesh.rim
         self._law = [
             name
@@ -371,7 +384,7 @@ class _Forces:
         )
         self._rates = {name: rate for name, c in changes.items() if (rate := c.rate).any()}
         self._moved, self._weighed = dict[str, _Moved](), dict[str, Floats]()
-        self._clamped = dict[str, Floats]()
+        self._clamped = dict[str, _Eased]()
         for name, change in changes.items():
             if not change.of_law:
                 self._compare(name, change, inflation)
@@ -392,9 +405,9 @@ class _Forces:
         elif gain.any():
             self._weighed[name] = gain
         if above.clamp is not None and below.clamp is not None:
-            stiffer = (above.clamp.stiffness - below.clamp.stiffness) / change.span
-            if stiffer.any():
-                self._clamped[name] = stiffer
+            rate = change.easing
+            if rate.any() or not np.array_equal(below.clamp.length, above.clamp.length):
+                self._clamped[name] = _Eased(below.clamp, above.clamp, rate, change.span)
 
     def fields(self, balance: Equilibrium, frame: int) -> Floats:
         """∂u/∂(each parameter), (parameters, n, 3)."""
@@ -419,12 +432,13 @@ class _Forces:
             columns[[place[name] for name in self._weighed]] += self._membrane.weight_changes(
                 balance.displacement, self._stiffness, self._weights
             )
-        for name, stiffer in self._clamped.items():
-            columns[place[name]] += self._by_clamp(stiffer, balance, frame)
-        if self._membrane.clamp is not None:
+        clamp = self._clamp(frame)
+        if clamp is not None:
+            for name, eased in self._clamped.items():
+                columns[place[name]] += self._by_clamp(eased.stiffer(clamp, frame), balance, frame)
             for name, edge in edges.items():
                 force = np.zeros_like(edge)
-                force[self._rim, :2] = self._membrane.clamp.changes(edge)
+                force[self._rim, :2] = clamp.changes(edge)
                 columns[place[name]] -= self._membrane.gather(force)
         if self._rates:
             by_pressure = -self._membrane.pressure_force(balance.displacement)
@@ -434,6 +448,13 @@ class _Forces:
         for name, edge in held.items():
             out[place[name]] += edge
         return out
+
+    def _clamp(self, frame: int) -> Clamp | None:
+        """The clamp as it gives in a frame."""
+        clamp = self._membrane.clamp
+        if clamp is None or self._eased is None:
+            return clamp
+        return clamp.at(clamp.compliance + float(self._eased[frame]))
 
     def _by_clamp(self, stiffer: Floats, balance: Equilibrium, frame: int) -> Floats:
         """Change of R with the stiffness (rim, 2, 2) of the rim's springs."""
@@ -452,6 +473,26 @@ class _Forces:
         out = np.zeros_like(self._membrane.reference)
         out[self._rim] = by / change.span
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Eased:
+    """The clamp on either side of a parameter's value, and what it gives more, by its change.
+
+    The springs' stiffness goes with one over the compliance, which is differentiated as it is: a
+    difference would have to be small against a compliance that may be all but nothing.
+    """
+
+    below: Clamp
+    above: Clamp
+    rate: Floats
+    span: float
+
+    def stiffer(self, clamp: Clamp, frame: int) -> Floats:
+        """∂(stiffness of the rim's springs)/∂(the parameter), (rim, 2, 2), in a frame."""
+        ends = (end.at(clamp.compliance).stiffness for end in (self.below, self.above))
+        below, above = ends
+        return np.asarray(clamp.by_compliance * self.rate[frame] + (above - below) / self.span)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bulgefit.errors import InputError, needed
+from bulgefit.fitting.result import unit_of
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
 
@@ -53,11 +54,13 @@ def plot_folds(
         values = [fold["parameters"][name] for fold in each]
         panel.plot(values, rows, MARKERS[0][1], color=MARKERS[0][0])
         panel.axvline(sum(values) / len(values), color="#000000", linewidth=1)
-        _figure.label(panel, name, "")
+        unit = unit_of(name)
+        _figure.label(panel, name if unit == "1" else f"{name} ({unit})", "")
     _draw_objectives(panels[0, -1], folds)
     for panel in panels[0]:
         panel.set_ylim(len(each) - 0.5, -0.5)
         panel.set_yticks(rows, [])
+        panel.locator_params(axis="x", nbins=5)  # so that their texts stand apart
     panels[0, 0].set_yticks(rows, [f"without {fold['left_out']}" for fold in each])
     return _figure.finished(figure, path, force)
 

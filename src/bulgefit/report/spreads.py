@@ -54,6 +54,7 @@ def plot_spreads(
     for panel in panels:
         panel.set_ylim(len(batch.fits) - 0.5, -0.5)
         panel.set_yticks(range(len(batch.fits)), [])
+        panel.locator_params(axis="x", nbins=5)  # so that their texts stand apart
     panels[0].set_yticks(range(len(batch.fits)), batch.names)
     return _figure.finished(figure, path, force)
 

@@ -53,11 +53,14 @@ class Field(Effect):
     pointwise : bool
         True for an offset of every measured point, which has no parameters: offsets are integrated
         out of the likelihood.
+    of_several : bool
+        True for what one test alone cannot tell from a field of another place.
     """
 
     quantity: ClassVar[str] = ""
     unit: ClassVar[str] = "1"
     pointwise: ClassVar[bool] = False
+    of_several: ClassVar[bool] = False
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """The field over its place.

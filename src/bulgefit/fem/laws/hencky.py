@@ -26,6 +26,7 @@ from bulgefit.fem.laws.logarithm import TERMS, half_log
 from bulgefit.fem.laws.potential import (
     bent_potential,
     by_stiffness,
+    coupled,
     energy,
     potential,
     straight_potential,
@@ -82,7 +83,8 @@ def _response(c11, c22, c12, q):
     g, g_s = _log_coefficient(m, s)
     area = 0.5 * math.log(m * m - s)
     at = potential(0.5 * (area + g * h), 0.5 * (area - g * h), g * k, q)
-    return _pull_back(m, h, k, g, g_s, _log_curvature(m, s, g_s), at)
+    found = _pull_back(m, h, k, g, g_s, _log_curvature(m, s, g_s), at)
+    return coupled(found, _with_derivatives(m, h, k, area, g, g_s), q)
 
 
 @merged
@@ -201,8 +203,9 @@ def _straight(c11, c22, c12, q):
 def _bends(c11, c22, c12, q):
     m, h = 0.5 * (c11 + c22), 0.5 * (c11 - c22)
     area, g, g_s, g_ss = _log_terms(m, h * h + c12 * c12)
-    at = bent_potential(0.5 * (area + g * h), 0.5 * (area - g * h), q)
-    return _pull_back(m, h, c12, g, g_s, g_ss, at)
+    at = bent_potential(0.5 * (area + g * h), 0.5 * (area - g * h), g * c12, q)
+    found = _pull_back(m, h, c12, g, g_s, g_ss, at)
+    return coupled(found, _with_derivatives(m, h, c12, area, g, g_s), q)
 
 
 @merged

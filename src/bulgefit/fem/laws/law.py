@@ -47,9 +47,9 @@ class Lanes:
     Attributes
     ----------
     straight : function (c11, c22, c12, q) -> 10 floats
-        `Law.response` without bends and curves.
+        `Law.response` without bends, curves and couplings.
     bends : function (c11, c22, c12, q) -> 10 floats
-        What bends and curves add to it.
+        What they add to it.
     measure : function (c11, c22, c12) -> 12 floats
         Strain (e11, e22, 2 e12) and, row by row, ∂e_i/∂E_j.
     by_stiffness : function (c11, c22, c12, q) -> 4 x 3 floats

@@ -19,6 +19,7 @@ __all__ = [
     "PARAMETERS",
     "bent_potential",
     "by_stiffness",
+    "coupled",
     "energy",
     "is_bent",
     "potential",
@@ -29,12 +30,13 @@ __all__ = [
 KNOTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
 
 #: The entries of the tuple q that a law gets, 1 along warp and 2 along fill: stiffness (MPa), slack
-#: (1), gains (MPa), bends (MPa), knees (1), and the curves' slopes at the knots over the modulus
-#: (MPa).
+#: (1), gains (MPa), bends (MPa), knees (1), the curves' slopes at the knots over the modulus (MPa),
+#: and what couples shear with extension (MPa).
 PARAMETERS = (
     *("D11", "D22", "D12", "D33"),
     *("slack_1", "slack_2", "gain_1", "gain_2", "bend_1", "bend_2", "knee_1", "knee_2"),
     *(f"curve_{axis}_{knot}" for axis in (1, 2) for knot in range(len(KNOTS))),
+    *("D13", "D23"),
 )
 
 #: A bend's arctangent and logarithm: halvings by roots, after which so many terms leave 1e-17 for
@@ -48,6 +50,7 @@ def energy(e: NDArray[Any], q: tuple[float, ...]) -> NDArray[Any]:
     d11, d22, d12, d33, *_ = q
     x, y = e[0] - q[4], e[1] - q[5]
     psi = 0.5 * (d11 * x**2 + d22 * y**2 + d33 * e[2] ** 2) + d12 * x * y
+    psi = psi + (q[24] * x + q[25] * y) * e[2]
     for axis, along in enumerate((x, y)):
         gain, bend, knee, curve = q[6 + axis], q[8 + axis], q[10 + axis], q[12 + 6 * axis :][:6]
         t = np.where(along.real > 0.0, along, 0.0)
@@ -66,7 +69,7 @@ def energy(e: NDArray[Any], q: tuple[float, ...]) -> NDArray[Any]:
 def straight_potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
-    `potential` without its bends and curves.
+    `potential` without its bends, curves and couplings.
     """
     e1, e2 = e1 - q[4], e2 - q[5]
     t1 = q[0] * e1 + q[2] * e2
@@ -87,6 +90,7 @@ def potential(e1, e2, e3, q):
     Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e² and, where
     a coating or crimp gives way, s E (e - κ atan(e/κ)): the slope goes from E to (1 + s) E, half
     of the way at the knee κ. A curve's slope is linear between the knots, so the stress is smooth.
+    What couples shear with extension is in T; in H it is left to `coupled`.
 
     `q` holds what `PARAMETERS` names.
     """
@@ -103,7 +107,29 @@ def potential(e1, e2, e3, q):
         psi += psi_1 + psi_2
         t1, h1 = t1 + curved_1, h1 + slope_1
         t2, h2 = t2 + curved_2, h2 + slope_2
-    return psi, t1, t2, t3, h1, h2, h3, h12
+    along = q[24] * (e1 - q[4]) + q[25] * (e2 - q[5])
+    return psi + along * e3, t1 + q[24] * e3, t2 + q[25] * e3, t3 + along, h1, h2, h3, h12
+
+
+@merged
+def coupled(found, measure, q):
+    """W, S and CC with ∂²ψ/∂e∂γ of what couples shear with extension.
+
+    Parameters
+    ----------
+    found : tuple of 10
+        Without them.
+    measure : tuple of 12
+        Strain and, row by row, ∂e_i/∂E_j.
+    """
+    _, _, _, p11, p12, p13, p21, p22, p23, p31, p32, p33 = measure
+    u1, u2, u3 = q[24] * p11 + q[25] * p21, q[24] * p12 + q[25] * p22, q[24] * p13 + q[25] * p23
+    w, s1, s2, s3, c11, c22, c33, c12, c13, c23 = found
+    return (
+        w, s1, s2, s3,
+        c11 + 2.0 * u1 * p31, c22 + 2.0 * u2 * p32, c33 + 2.0 * u3 * p33,
+        c12 + (u1 * p32 + p31 * u2), c13 + (u1 * p33 + p31 * u3), c23 + (u2 * p33 + p32 * u3),
+    )  # fmt: skip
 
 
 @inner
@@ -144,15 +170,16 @@ def _bend(e, knee):
 
 
 @merged
-def bent_potential(e1, e2, q):
-    """What bends and curves add to `straight_potential`, without calls or branches."""
+def bent_potential(e1, e2, e3, q):
+    """What bends, curves and couplings add to `straight_potential`, without calls or branches."""
     psi_1, bent_1, slope_1 = _bend(max(e1 - q[4], 0.0), q[10])
     psi_2, bent_2, slope_2 = _bend(max(e2 - q[5], 0.0), q[11])
     psi_3, curved_1, rise_1 = _curve_1(e1, q)
     psi_4, curved_2, rise_2 = _curve_2(e2, q)
+    along = q[24] * (e1 - q[4]) + q[25] * (e2 - q[5])
     return (
-        q[8] * psi_1 + q[9] * psi_2 + psi_3 + psi_4,
-        q[8] * bent_1 + curved_1, q[9] * bent_2 + curved_2, 0.0,
+        q[8] * psi_1 + q[9] * psi_2 + psi_3 + psi_4 + along * e3,
+        q[8] * bent_1 + curved_1 + q[24] * e3, q[9] * bent_2 + curved_2 + q[25] * e3, along,
         q[8] * slope_1 + rise_1, q[9] * slope_2 + rise_2, 0.0, 0.0,
     )  # fmt: skip
 
@@ -168,7 +195,7 @@ def _is_curved(q):
 @merged
 def is_bent(q):
     """Whether the stress is more than `straight_potential`."""
-    return q[8] != 0.0 or q[9] != 0.0 or _is_curved(q)
+    return q[8] != 0.0 or q[9] != 0.0 or q[24] != 0.0 or q[25] != 0.0 or _is_curved(q)
 
 
 @merged

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.jit import inner, merged
 from bulgefit.fem.laws.law import Lanes, Law
-from bulgefit.fem.laws.potential import bent_potential, energy, potential, straight_potential
+from bulgefit.fem.laws.potential import (
+    bent_potential,
+    coupled,
+    energy,
+    potential,
+    straight_potential,
+)
 
 __all__ = ["SVK"]
 
@@ -21,7 +27,8 @@ def _strain(c: NDArray[Any]) -> NDArray[Any]:
 @inner
 def _response(c11, c22, c12, q):
     psi, t1, t2, t3, h11, h22, h33, h12 = potential(0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q)
-    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+    found = psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+    return coupled(found, _measure(c11, c22, c12), q)
 
 
 @merged
@@ -39,8 +46,11 @@ def _straight(c11, c22, c12, q):
 
 @merged
 def _bends(c11, c22, c12, q):
-    psi, t1, t2, t3, h11, h22, h33, h12 = bent_potential(0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), q)
-    return psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+    psi, t1, t2, t3, h11, h22, h33, h12 = bent_potential(
+        0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q
+    )
+    found = psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0
+    return coupled(found, _measure(c11, c22, c12), q)
 
 
 @merged

@@ -31,6 +31,7 @@ from bulgefit.fem.laws.logarithm import half_log
 from bulgefit.fem.laws.potential import (
     bent_potential,
     by_stiffness,
+    coupled,
     energy,
     potential,
     straight_potential,
@@ -70,8 +71,9 @@ def _pull_back(c11, c22, c12, at):
 @inner
 def _response(c11, c22, c12, q):
     angle = math.atan2(c12, math.sqrt(c11 * c22 - c12 * c12))
-    at = potential(0.5 * math.log(c11), 0.5 * math.log(c22), angle, q)
-    return _pull_back(c11, c22, c12, at)
+    strain = 0.5 * math.log(c11), 0.5 * math.log(c22), angle
+    found = _pull_back(c11, c22, c12, potential(strain[0], strain[1], angle, q))
+    return coupled(found, _with_derivatives(c11, c22, c12, strain), q)
 
 
 @merged
@@ -115,7 +117,9 @@ def _straight(c11, c22, c12, q):
 
 @merged
 def _bends(c11, c22, c12, q):
-    return _pull_back(c11, c22, c12, bent_potential(half_log(c11), half_log(c22), q))
+    strain = half_log(c11), half_log(c22), _angle(c11, c22, c12)
+    found = _pull_back(c11, c22, c12, bent_potential(strain[0], strain[1], strain[2], q))
+    return coupled(found, _with_derivatives(c11, c22, c12, strain), q)
 
 
 @merged

@@ -68,6 +68,8 @@ def _where(where: Mapping[str, float]) -> str:
     if "strain" in where:
         axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
         return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
+    if "from_warp_degree" in where:
+        return "fill" if where["from_warp_degree"] > 45.0 else "warp"
     if "time_share" in where:
         return f"{100.0 * where['time_share']:.0f} % of the test's time"
     return f"{where['pressure_bar']:.3g} bar"
