@@ -228,7 +228,7 @@ def _searched(
         plain.ways.by_elimination(lambda: plain.is_content)
     if not plain.search.fits or not (plain.search.best.converged or plain.is_content):
         # what everything together was given up at says nothing of smaller models
-        plain.ways.from_below()
+        plain.ways.from_below(to_noise=True)
     if plain.is_content:
         plain.finish()
         return plain.search, None, plain.search

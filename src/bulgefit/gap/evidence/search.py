@@ -132,7 +132,7 @@ class Search(Generic[Kind]):
         here = self.problem.linearise(x, governor, fit.here.near)
         return -float(np.maximum(here.gradient[0], 0.0) ** 2 / here.hessian[0, 0])
 
-    def improved(self, fit: Fit, fewer: int | None = None) -> Fit:
+    def improved(self, fit: Fit, fewer: int | None = None, *, to_noise: bool = False) -> Fit:
         """A fit from which no drop, growth, addition or swap that was tried raises the evidence.
 
         Parameters
@@ -142,11 +142,16 @@ class Search(Generic[Kind]):
             many changes as are left, each as good as the next one, lead to no better one. What one
             change gains after another falls, as a rule (Das and Kempe, 2011, "Submodular meets
             spectral").
+        to_noise : bool
+            The better one is one that leaves the noise alone, whatever the best one leaves.
         """
+        noise = self.problem.count / self.problem.inflation if to_noise else np.inf
         while fewer is None or len(fit.model) < fewer or fit is self.best:
             around = self.around(fit)
-            changes = fewer - len(fit.model) if fewer is not None and fit is not self.best else None
-            better = self._thinned(fit, around) or self._changed(fit, around, changes)
+            ahead = fewer - len(fit.model) if fewer is not None else None
+            if fit is self.best and not to_noise:
+                ahead = None
+            better = self._thinned(fit, around) or self._changed(fit, around, ahead, noise)
             better = better or self._renewed(fit, around)
             if better is None:
                 break
@@ -233,10 +238,13 @@ class Search(Generic[Kind]):
                 return path, score
             path.append(best[1])
 
-    def _changed(self, fit: Fit, around: Linearised, changes: int | None = None) -> Fit | None:
+    def _changed(
+        self, fit: Fit, around: Linearised, changes: int | None = None, goal: float = np.inf
+    ) -> Fit | None:
         """With the change that raises the evidence, of those that are forecast to do so most.
 
-        None, too, where so many `changes` of the forecast gain do not reach the best model.
+        None, too, where so many `changes` of the forecast gain reach neither the best model nor the
+        goal below it.
         """
         forecast_of = self._forecasts(around, fit.model)
         here = forecast_of(fit.model)
@@ -252,7 +260,7 @@ class Search(Generic[Kind]):
         tried = sorted(options, key=lambda o: o[0])[:TRIES]
         if changes is not None and tried:
             gain = here - tried[0][0]
-            if fit.score - changes * gain > self.best.score:
+            if fit.score - changes * gain > min(self.best.score, goal):
                 return None
         for _, model in tried:
             found = self._refit(model, around)
@@ -391,10 +399,15 @@ class Ways(Generic[Kind]):
         if found is not None and hopeful():
             named.improved(found)
 
-    def from_below(self) -> None:
+    def from_below(self, *, to_noise: bool = False) -> None:
         """Groups, but no fields, are added to the smallest model, fewer than the best one has.
 
         With as many, what began with the wrong one would only gather others about it.
+
+        Parameters
+        ----------
+        to_noise : bool
+            As long as the groups that may still be added may lead down to the noise.
 
         Raises
         ------
@@ -406,7 +419,7 @@ class Ways(Generic[Kind]):
         rough = named if fewer is None else replace(named, roughly=True, share=_GROWN)
         small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
-            rough.improved(small, fewer)
+            rough.improved(small, fewer, to_noise=to_noise)
         elif not named.fits:
             # the same solve once more: its error says where and why nothing balances
             none = named.layout.columns(freeze({}))
