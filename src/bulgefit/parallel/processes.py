@@ -53,6 +53,11 @@ class Processes(Executor):
             initargs=(far, pulse),
         )
 
+    @property
+    def room(self) -> int:
+        """Calls that processes have in hand, or the next of them will take."""
+        return self._workers + 1
+
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """As every executor."""
         with _without_interrupts():

@@ -18,8 +18,9 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from itertools import islice
 from typing import Any
 
 from bulgefit.errors import BulgefitError
@@ -127,16 +128,25 @@ def counted(counter: Callable[[int, int], None]) -> Iterator[None]:
 def _results(
     executor: Executor, task: Callable[[Any, Any], Any], handles: list[Any], left: dict[int, Any]
 ) -> Iterator[tuple[int, Any]]:
-    """Index and result of whatever is not lost on its way."""
+    """Index and result of whatever is not lost on its way.
+
+    Processes of our own are given what they have room for, and nothing is ever taken back: where
+    they end, the pool of Python 3.11 complains of what was.
+    """
+    ours = isinstance(executor, Processes)
     futures: dict[Future[Any], int] = {}
+    waiting = set[Future[Any]]()
+    todo = iter([*left.items()])
     try:
-        try:
-            for index, item in left.items():
-                futures[executor.submit(_run, task, handles, item)] = index
-        except BrokenExecutor:
-            pass  # what was not taken is left for the next round
-        waiting = set(futures)
-        while waiting:
+        while True:
+            room = executor.room - len(waiting) if isinstance(executor, Processes) else len(left)
+            with suppress(BrokenExecutor):  # what was not taken is left for the next round
+                for index, item in islice(todo, room):
+                    future = executor.submit(_run, task, handles, item)
+                    futures[future] = index
+                    waiting.add(future)
+            if not waiting:
+                break
             finished, waiting = wait(waiting, SILENCE, FIRST_COMPLETED)
             if not finished:
                 if not is_there(executor, SILENCE):
@@ -152,7 +162,7 @@ def _results(
                     raise _told(error) from error
                 yield futures[future], result
     finally:
-        for future in futures:
+        for future in () if ours else futures:
             future.cancel()
 
 
