@@ -112,6 +112,20 @@ def test_round_steps_do_not_say_that_the_ends_were_recorded() -> None:
     assert found.pressure == pytest.approx(RECORDED[1:-1], rel=1e-7)
 
 
+def test_an_image_at_rest_has_no_noise_to_compare() -> None:
+    """It stands at the end of the common pressures, where nothing has moved at all."""
+    truth = recorded(np.array([0.0, *RECORDED[1:]]))
+    (block,) = truth.blocks
+    moved = block.displacement.copy()
+    moved[0] = 0.0
+    truth = BulgeTest.from_arrays(
+        np.asarray(block.reference), moved, truth.pressure, time=truth.time
+    )
+    found = recorded_frames(interpolated(truth, np.linspace(0.0, RECORDED[-1], 20)))
+    assert found is not None
+    assert found.pressure[:8] == pytest.approx(RECORDED[1:-1], rel=1e-9)
+
+
 def test_points_that_were_lost_stay_lost_there_alone() -> None:
     truth = recorded(lost=True)
     found = recorded_frames(interpolated(truth, COMMON))

@@ -150,19 +150,18 @@ class _Corner:
 def _chains(values: Floats) -> Iterator[_Chain]:
     """Gaps that hold a corner each, with the frames that tell them."""
     last = len(values) - 1
+    # shares sum to one, which tells a line from one through an image at rest (1 mm rms)
+    values = np.column_stack([values, np.full(last + 1, np.sqrt(values.shape[1]))])
     starts = set(_adding(values))
     ends = {last - k for k in _adding(values[::-1])}
     gaps: list[Gap] = []
     for j in range(1, last + 1):
         if j in starts and j - 1 in ends:
             gaps.append((j - 1, j))
-        elif j < last and {j - 1} <= ends and {j + 1} <= starts and j not in starts | ends:
+        elif j - 1 in ends and j + 1 in starts and j not in starts | ends:
             gaps.append((j, j))
     bounds = [(0, 0), *gaps, (last, last)]
-    lines = [
-        (low, high)
-        for (_, low), (high, _) in pairwise(bounds)
-    ]  # fmt: skip
+    lines = [(low, high) for (_, low), (high, _) in pairwise(bounds)]
     known = [k for k, (low, high) in enumerate(lines) if high > low]
     for before, after in pairwise(known):
         # two frames tell a line; with more, nothing else is told
@@ -264,10 +263,11 @@ def _with_own_ends(
     # towards the rim the surface itself is rough
     rough = rough[:, np.hypot(*points.T) < _CALM]
     seen = np.isfinite(rough).all(axis=(0, 2))
-    if seen.sum() < _FEW:
+    rough = rough[:, seen]
+    usual = np.median(np.abs(rough), axis=1, keepdims=True) if seen.sum() >= _FEW else np.zeros(1)
+    if not (usual > 0.0).all():
         return inner
-    rough = rough[:, seen] / np.median(np.abs(rough[:, seen]), axis=1, keepdims=True)
-    noise = np.clip(rough, -_WILD, _WILD).reshape(len(frames), -1)
+    noise = np.clip(rough / usual, -_WILD, _WILD).reshape(len(frames), -1)
     # what goes smoothly with pressure is in all frames: each is told from all others
     inverse = np.linalg.inv(noise @ noise.T)
     share = -inverse / np.diag(inverse)[:, None]

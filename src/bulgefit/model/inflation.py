@@ -490,8 +490,7 @@ class _Eased:
 
     def stiffer(self, clamp: Clamp, frame: int) -> Floats:
         """∂(stiffness of the rim's springs)/∂(the parameter), (rim, 2, 2), in a frame."""
-        ends = (end.at(clamp.compliance).stiffness for end in (self.below, self.above))
-        below, above = ends
+        below, above = (e.at(clamp.compliance).stiffness for e in (self.below, self.above))
         return np.asarray(clamp.by_compliance * self.rate[frame] + (above - below) / self.span)
 
 
