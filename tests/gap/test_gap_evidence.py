@@ -64,6 +64,9 @@ class Known:
             np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
 
+    def lighter(self, near: Any) -> Any:
+        return near
+
     def again(self, here: Linearised, x: np.ndarray) -> Linearised:
         there = self.linearise(x, here.columns[:0])
         residual = self._measured - self._curve(x)[0]

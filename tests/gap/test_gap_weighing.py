@@ -100,7 +100,7 @@ def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     with_mesh, _ = weighing_of([replace(data, inflation=3.0, mesh=pattern)])
     x, columns = near_the_truth(plain, layout), np.arange(3)
     found = with_mesh.linearise(x, columns)
-    own = plain.predicted(x, list(columns), 0)
+    own = plain.seen(x, list(columns), 0)
     rows = plain._rows(plain.data[0], own, x, list(columns)).reshape(4, -1)
     m = (pattern / data.sigma).ravel()
     covariance = 3.0 * np.eye(len(m)) + np.outer(m, m)
@@ -120,7 +120,7 @@ def test_offsets_of_points_are_integrated_out(data: Data) -> None:
     x, columns = near_the_truth(plain, layout), np.arange(3)
     weighing = Weighing([some], plain.coordinates, [prior])
     found = weighing.linearise(x, columns)
-    rows = plain._rows(some, plain.predicted(x, list(columns), 0), x, list(columns))
+    rows = plain._rows(some, plain.seen(x, list(columns), 0), x, list(columns))
     points = used.shape[1]
     exact, log_det = np.zeros((4, 4)), 0.0
     for point in range(points):

@@ -22,7 +22,7 @@ from bulgefit.gap.evidence.coordinates import (
     is_field,
 )
 from bulgefit.gap.evidence.descend import Fit, descend
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
@@ -149,7 +149,7 @@ def _excess(search: Search[Weighing]) -> float:
     problem, best = search.problem, search.best
     if problem.misfits is None:
         return 1.0
-    seen = regression_of(problem, best).predictions
+    seen = seen_by(problem, best).predictions
     bare = Weighing(problem.data, problem.coordinates, problem.offsets)
     return temper(problem.data, seen, taken_up(bare, best, search.layout))
 
@@ -232,7 +232,7 @@ def _searched(
     if plain.is_content:
         plain.finish()
         return plain.search, None, plain.search
-    sizes = _offset_sizes(data, plain.regression)
+    sizes = _offset_sizes(data, plain.seen)
     creased = None
     if any(size.any() for size in sizes):
         say("an offset of every point")
@@ -289,14 +289,14 @@ class _Trial:
         return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
 
     @property
-    def regression(self) -> Regression:
-        """The best model's."""
-        return regression_of(self.search.problem, self.search.best)
+    def seen(self) -> Seen:
+        """What the best model predicts."""
+        return seen_by(self.search.problem, self.search.best)
 
     @property
     def is_content(self) -> bool:
         """Whether the best model leaves nothing but noise."""
-        return not structure(self.data, self.regression).significant
+        return not structure(self.data, self.seen).significant
 
     def finish(self) -> None:
         """What else may be, where nothing is left: fewer effects, or a field in their place.
@@ -327,7 +327,7 @@ class _Trial:
         best, search = self.search.best, self.search
         if not self.is_content:
             taken = taken_up(search.problem, best, search.layout)
-            by = loudest(self.data, self.regression.predictions, taken)
+            by = loudest(self.data, self.seen.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
@@ -358,7 +358,7 @@ class _Trial:
         """A search from a fit, beside what that misses by beyond the noise."""
         problem, layout = self.search.problem, self.search.layout
         search = replace(self.search, fits={fit.model: fit}, roughly=True)
-        if not structure(self.data, regression_of(problem, fit)).significant:
+        if not structure(self.data, seen_by(problem, fit)).significant:
             return search
         here = problem.linearise(fit.x, layout.columns(fit.model), fit.here.near)
         search = replace(search, problem=problem.beside_misfit(here), fits={})
@@ -371,7 +371,7 @@ def _score(search: Search[Weighing]) -> float:
     return search.best.score + search.problem.cost
 
 
-def _offset_sizes(data: Sequence[Data], fit: Regression) -> list[Floats]:
+def _offset_sizes(data: Sequence[Data], fit: Seen) -> list[Floats]:
     """Standard deviations (3,) mm of what every point has in all frames, beyond the noise.
 
     The prior whose evidence is largest, for points that were seen equally often.
