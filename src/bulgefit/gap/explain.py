@@ -113,7 +113,7 @@ def explain(
     tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
-    chances = weighed(search.scores(left), left, search.names)
+    chances = weighed(search.scores(left), search.names)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}

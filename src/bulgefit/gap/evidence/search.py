@@ -194,7 +194,9 @@ class Search(Generic[Kind]):
                 close.improved(found)
 
     def scores(self, temper: float) -> dict[Model, float]:
-        """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
+        """Of every model that was fitted, and of those whose share counts by forecast.
+
+        -2 ln of its probability, but for what is common to all.
 
         Looked around in is what holds more than a thousandth of the best one's probability: drops
         from it, generation by generation, then a growth of each of these, and of what that leads
@@ -206,19 +208,26 @@ class Search(Generic[Kind]):
         Parameters
         ----------
         temper : float
-            By which differences of the evidence are divided (`weighed`).
+            By which differences of the evidence are divided (`temper`): what the residual's smooth
+            modes hold over what correlated noise would. A model that misses by more than the noise
+            is thus as sure as the noise that it leaves lets it be.
         """
         best = self.best
         forecast = self._forecasts(self.around(best), best.model)
-        reach = best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
-        known = {model: fit.score for model, fit in self.fits.items()}
+
+        def tempered(model: Model, score: float) -> float:
+            before = self.layout.believed(model)
+            return (score - before) / temper + before
+
+        known = {model: tempered(model, fit.score) for model, fit in self.fits.items()}
+        reach = known[best.model] + 2.0 * np.log(1.0 / LEAST_SHARE)
 
         def within(models: Iterable[Model]) -> list[Model]:
             new = [m for m in dict.fromkeys(models) if m not in gone]
             gone.update(new)
             for m in new:
                 if m not in known:
-                    known[m] = max(forecast(m), best.score)
+                    known[m] = max(tempered(m, forecast(m)), known[best.model])
             return [m for m in new if known[m] < reach]
 
         gone = {best.model}
@@ -243,7 +252,7 @@ class Search(Generic[Kind]):
         return None
 
     def promise(self, fit: Fit) -> float:
-        """-2 ln Z of what is left when all is taken out that the forecast can do without."""
+        """Score of what is left when all is taken out that the forecast can do without."""
         return self._path(fit.model, self.around(fit))[1]
 
     def _path(self, model: Model, around: Linearised) -> tuple[list[Model], float]:
@@ -344,10 +353,10 @@ class Search(Generic[Kind]):
         return found if found is not None else self.fit(model, around.x, around.near)
 
     def _forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
-        """-2 ln Z of models near one, by the misfit near a fit."""
-        columns = self.layout.columns(model)
-        found = Forecast.of(around, self.layout, columns, self.problem.inflation)
-        return lambda other: found.score(self.layout.columns(other))
+        """Scores of models near one, by the misfit near a fit."""
+        layout = self.layout
+        found = Forecast.of(around, layout, layout.columns(model), self.problem.inflation)
+        return lambda other: found.score(layout.columns(other)) + layout.believed(other)
 
     def _smaller(self, model: Model) -> Iterator[Model]:
         """One group less, or one in its next smaller form."""
