@@ -130,7 +130,7 @@ def test_rows_are_those_of_a_dense_covariance(data: Data, sizes: np.ndarray | No
     found = weighing.linearise(x, columns)
     one = weighing.seen(x, list(columns), 0)
     names = [weighing.coordinates.every[c].key.name for c in columns]
-    frames = np.stack([*one.derivative, np.zeros_like(one.displacement)]) * some.weight
+    frames = np.stack([*one.derivative(), np.zeros_like(one.displacement)]) * some.weight
     frames[-1] = some.residual(one)
     heights = height_rows(some, one.shapes.values, names)
     for_z = np.zeros((len(names) + 1, 1, *used.shape[1:]))

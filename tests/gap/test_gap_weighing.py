@@ -260,7 +260,7 @@ def test_a_tangent_that_cannot_be_solved_is_no_shape(
         raise NotPositiveDefiniteError("zero pivot 1")
 
     weighing, layout = weighing_of([data])
-    monkeypatch.setattr(data.specimen, "predict", fails)
+    monkeypatch.setattr(data.specimen, "shapes", fails)
     with pytest.raises(SolveError, match="zero pivot 1"):
         weighing.linearise(layout.null, np.arange(3))
 

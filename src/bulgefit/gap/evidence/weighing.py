@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
@@ -25,6 +24,7 @@ from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Sight
+from bulgefit.parallel.threads import side_by_side
 
 __all__ = ["Weighing"]
 
@@ -126,8 +126,7 @@ class Weighing:
             shapes.append(found.shapes)
             place = np.append(np.searchsorted(columns, own), size - 1)
             white = self._whitened(index, self._rows(d, found, x, own))
-            upper = dsyrk(1.0, white.T, trans=1)
-            gram[np.ix_(place, place)] += upper + np.triu(upper, 1).T
+            gram[np.ix_(place, place)] += _gram(white, d.specimen.threads)
             rows.append(white)
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
@@ -219,14 +218,27 @@ class Weighing:
         slopes = [k.parameter.slope(k.value(x[c])) for k, c in zip(chosen, columns, strict=True)]
         frames, *rest = weight.shape
         rows = np.zeros((len(columns) + 1, frames + (d.heights is not None), *rest))
-        for row, slope, coordinate in zip(rows[:-1], slopes, chosen, strict=True):
-            found.add(row[:frames], coordinate.key.name)
-            row[:frames] *= slope * weight
+
+        def fill(number: int) -> None:
+            row = rows[number, :frames]
+            found.add(row, chosen[number].key.name)
+            row *= slopes[number] * weight
+
+        side_by_side(fill, range(len(chosen)), d.specimen.threads)
         rows[-1, :frames] = d.residual(found)
         if d.heights is not None:
             heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
             rows[:, -1, :, 2] = heights * np.append(slopes, 1.0)[:, None]
         return rows
+
+
+def _gram(rows: Floats, threads: int) -> Floats:
+    """Products of rows (k, values): of halves of the values, which two threads may work on."""
+    half = rows.shape[1] // 2
+    first, second = side_by_side(
+        lambda part: part @ part.T, (rows[:, :half], rows[:, half:]), threads
+    )
+    return first + second
 
 
 def _frames_that_count(d: Data) -> Floats:
