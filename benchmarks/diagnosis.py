@@ -1,10 +1,12 @@
 """How long a diagnosis takes, and in how much memory: 2,000 points, 20 frames, all causes.
 
     python benchmarks/diagnosis.py [--workers 2] [--write docs/diagnosis_time.md]
+    python benchmarks/diagnosis.py --pace
 
 The tests are made with clocks, so that what goes by time is tried as well; one has a cause that no
 catalogue has, one has it beside others that have names, and one is a family of three specimens.
 Each is diagnosed by `bulgefit diagnose` in a process of its own. Linux, which tells the memory.
+With --pace it is told what is left when a stage begins, over the time so far: `gap/pace.py` has it.
 """
 
 from __future__ import annotations
@@ -25,10 +27,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import bulgefit
+from bulgefit.gap import diagnose
+from bulgefit.gap.pace import Pace, Stage
+from bulgefit.parallel.workers import open_executor
 from bulgefit.trial.family import make_family
 from bulgefit.trial.make import Recipe, make_test
 
@@ -130,6 +136,34 @@ def row(kind: str, seed: int, workers: int, folder: Path) -> list[str]:
     ]  # fmt: skip
 
 
+def paced(kind: str, seed: int, workers: int) -> dict[Stage, float]:
+    """What was left when each stage began, over the time so far."""
+    tests, _ = made(kind, seed)
+    told = list[tuple[Stage, float]]()
+
+    class Watched(Pace):
+        def begins(self, stage: Stage) -> None:
+            told.append((stage, time.monotonic()))
+
+    with (
+        open_executor(workers, processes=workers > 1) as executor,
+        patch.object(diagnose, "Pace", Watched),
+    ):
+        began = time.monotonic()
+        diagnose.diagnose(tests, executor=executor, workers=workers)
+        ended = time.monotonic()
+    return {stage: (ended - at) / (at - began) for stage, at in told}
+
+
+def paces(kinds: Sequence[str], seed: int, workers: int) -> None:
+    """Print the least and the most of all kinds."""
+    found = [paced(kind, seed + k, workers) for k, kind in enumerate(kinds)]
+    for stage in Stage:
+        ratios = sorted(one[stage] for one in found if stage in one)
+        if ratios:
+            print(f"{stage.name}: {ratios[0]:.3f} to {ratios[-1]:.3f} ({len(ratios)} tests)")
+
+
 def page(rows: list[list[str]], workers: int, beside: str) -> str:
     """The table as Markdown."""
     head = [
@@ -163,7 +197,11 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS), help="of tests, apart by commas")
     parser.add_argument("--beside", default="", help="a sentence on what else the machine did")
     parser.add_argument("--write", type=Path, help="Markdown file")
+    parser.add_argument("--pace", action="store_true", help="tell what is left at each stage")
     args = parser.parse_args()
+    if args.pace:
+        paces(args.kinds.split(","), args.seed, args.workers)
+        return
     with tempfile.TemporaryDirectory() as folder:
         rows = [
             row(kind, args.seed + k, args.workers, Path(folder))

@@ -17,7 +17,7 @@ from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
@@ -91,6 +91,34 @@ def test_gradients_are_those_of_the_misfit(data: Data) -> None:
             - weighing.linearise(behind, none, here.near).square
         )
         assert -0.5 * change / (2 * step) == pytest.approx(here.gradient[place], rel=5e-3), column
+
+
+def test_threads_change_no_bit(data: Data) -> None:
+    """Of the misfit, of its derivatives, and of what they make together."""
+    weighing, layout = weighing_of([data])
+    threads, _ = weighing_of([data.afresh()])
+    threads.data[0].specimen.threads = 2
+    x, columns = near_the_truth(weighing, layout), np.arange(0, len(layout.null), 7)
+    one, two = (w.linearise(x, columns) for w in (weighing.afresh(), threads))
+    flat = one.rows[0]
+    np.testing.assert_allclose(one.hessian, flat[:-1] @ flat[:-1].T, rtol=1e-12, atol=1e-9)
+    np.testing.assert_array_equal(one.hessian, two.hessian)
+    np.testing.assert_array_equal(one.gradient, two.gradient)
+    assert one.square == two.square
+
+
+@pytest.mark.parametrize("creased", [False, True])
+def test_what_a_fit_predicts_is_what_its_regression_does(data: Data, creased: bool) -> None:
+    weighing, layout = weighing_of([data])
+    if creased:
+        weighing = Weighing([data], weighing.coordinates, [np.full(3, 0.01)])
+    start = near_the_truth(weighing, layout)
+    fit = descend(weighing, layout, freeze({Owned("clamp_slip"): 0}), start)
+    whole, seen = regression_of(weighing, fit), seen_by(weighing, fit)
+    assert seen.keys == whole.keys
+    np.testing.assert_allclose(
+        seen.predictions[0].displacement, whole.predictions[0].displacement, atol=1e-12
+    )
 
 
 def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:

@@ -117,7 +117,9 @@ def _line(left: Callable[[], str]) -> Any:
     from rich.text import Text
 
     class Left(progress.TimeRemainingColumn):
-        """The time left."""
+        """The time left, told as soon as it is known."""
+
+        max_refresh = 0.0
 
         def render(self, task: progress.Task) -> Text:
             told = left()

@@ -30,6 +30,7 @@ from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
+from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
@@ -51,6 +52,7 @@ def explain(
     baseline: Regression,
     executor: Executor,
     say: Callable[[str], None] = lambda _: None,
+    pace: Pace | None = None,
     *,
     thorough: bool = False,
     same_rig: bool = False,
@@ -73,6 +75,8 @@ def explain(
         Refits without each group, side by side.
     say : callable
         Told what is tried.
+    pace : Pace, optional
+        Told which stage begins.
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
     same_rig : bool
@@ -80,6 +84,7 @@ def explain(
     priors : mapping of modulus to (MPa, MPa), optional
         Centre and standard deviation that are better known.
     """
+    pace = pace or Pace()
     usable = [e for e in effects if not e.never_separable]
     whole = [p.data for p in prepared]
     several = len(whole) > 1
@@ -92,6 +97,7 @@ def explain(
     start = np.array(layout.null)
     start[: len(MODULI)] = np.log([START[m] for m in MODULI])
 
+    pace.begins(Stage.TOGETHER)
     say("everything at once")
     rough = _rough(whole, coordinates, layout, start, baseline)
     for index, p in enumerate(prepared):
@@ -99,10 +105,12 @@ def explain(
 
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
+    pace.begins(Stage.SEARCH)
     plain, creased, search = _searched(
-        prepared, coordinates, layout, rough, origin, say, thorough=thorough
+        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found = search.best
+    pace.begins(Stage.POINTS)
     say("the best model, by all points")
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
@@ -114,6 +122,7 @@ def explain(
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), search.names)
+    pace.begins(Stage.PARTS)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
@@ -206,6 +215,7 @@ def _searched(
     rough: Fit,
     origin: Floats,
     say: Callable[[str], None],
+    pace: Pace,
     *,
     thorough: bool,
 ) -> tuple[Search[Weighing], Search[Weighing] | None, Search[Weighing]]:
@@ -232,6 +242,7 @@ def _searched(
     if plain.is_content:
         plain.finish()
         return plain.search, None, plain.search
+    pace.begins(Stage.FIELDS)
     sizes = _offset_sizes(data, plain.seen)
     creased = None
     if any(size.any() for size in sizes):
@@ -257,6 +268,7 @@ def _searched(
             replace(plain, search=replace(plain.search, fits={whole.model: whole})),
             None,
         )
+    pace.begins(Stage.UNITS)
     for settle in (_Trial.thinned, _Trial.settled):
         say("units anew")
         for index, p in enumerate(prepared):
