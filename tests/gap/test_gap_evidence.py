@@ -64,6 +64,9 @@ class Known:
             np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
 
+    def lighter(self, near: Any) -> Any:
+        return near
+
     def again(self, here: Linearised, x: np.ndarray) -> Linearised:
         there = self.linearise(x, here.columns[:0])
         residual = self._measured - self._curve(x)[0]
@@ -600,6 +603,55 @@ def test_elimination_alone_is_trapped_where_growth_is_not():
     best = explore(searched(problem), np.zeros(6))
     assert best.model == freeze({"wide": 0})
     assert best.score < stuck.score - 5.0
+
+
+def test_where_was_looked_around_is_known():
+    """Once for each problem and point; where a model has everything, by its own derivatives."""
+    rng = np.random.default_rng(21)
+    rows = rng.normal(size=(40, 2))
+    measured = rows @ [3.0, 0.0] + rng.normal(size=40)
+    groups = [group("a", [5.0]), group("b", [5.0])]
+    problem, other = (linear(groups, rows, measured, inflation=v) for v in (1.0, 2.0))
+    search = searched(problem)
+    small = search.fit(freeze({"a": 0}), np.zeros(2))
+    whole = search.fit(search.layout.whole(), np.zeros(2))
+    assert small is not None
+    assert whole is not None
+    before = problem.solves
+    around = search.around(small)
+    assert problem.solves == before + 1
+    np.testing.assert_allclose(around.hessian, rows.T @ rows, rtol=1e-12)
+    assert search.around(replace(small, score=0.0)) is around
+    assert search.around(whole) is whole.here
+    assert problem.solves == before + 1
+    moved = replace(small, here=replace(small.here, x=small.x + np.array([0.5, 0.0])))
+    assert search.around(moved).square != around.square
+    elsewhere = replace(search, problem=other)
+    assert elsewhere.around(small) is not around
+    assert other.solves == 1
+
+
+def test_of_all_fits_the_best_alone_keeps_what_a_neighbour_starts_from():
+    class Near(Known):
+        def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+            return replace(super().linearise(x, columns), near="derivatives")
+
+        def lighter(self, near: Any) -> Any:
+            return "shapes"
+
+    rng = np.random.default_rng(22)
+    rows = rng.normal(size=(40, 3))
+    measured = rows @ [3.0, 2.0, 0.0] + rng.normal(size=40)
+    problem = Near(
+        [group(name, [5.0]) for name in "abc"], measured, lambda x: (rows @ x, rows)
+    )  # fmt: skip
+    search = searched(problem)
+    for model in ({}, {"a": 0}, {"c": 0}, {"a": 0, "b": 0}, {"b": 0}):
+        search.fit(freeze(model), np.zeros(3))
+    assert search.best.model == freeze({"a": 0, "b": 0})
+    kept = {model: fit.here.near for model, fit in search.fits.items()}
+    assert kept.pop(search.best.model) == "derivatives"
+    assert set(kept.values()) == {"shapes"}
 
 
 def test_a_wrong_group_is_swapped_for_the_right_one():

@@ -155,6 +155,10 @@ class Problem(Protocol):
         """
         ...
 
+    def lighter(self, near: Any) -> Any:
+        """`near` without what only makes a neighbour's solve sooner, where many are kept."""
+        ...
+
     def again(self, here: Linearised, x: Floats) -> Linearised:
         """The misfit at x by the derivatives `here`, which cost much more than the misfit.
 
