@@ -6,7 +6,12 @@ import argparse
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, reader_options
+from bulgefit.cli.tests_in import (
+    add_reader_arguments,
+    add_test_argument,
+    files_read,
+    reader_options,
+)
 
 if TYPE_CHECKING:
     from bulgefit.dic import TestInfo
@@ -29,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit info frames/ --radius 100 --thickness 0.81\n"
         "  bulgefit info test.npz --json -"
     )
-    parser.add_argument("test", metavar="FILE", help="a file or a folder of CSV frames")
+    add_test_argument(parser)
     parser.add_argument(
         "--json",
         metavar="FILE",
