@@ -150,6 +150,28 @@ def test_limit_pressure_lies_between_shapes_and_none() -> None:
     assert not points[-1].stable
 
 
+@pytest.mark.parametrize("growth", [0.05, 0.2, 0.3, 0.6])
+def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
+    growth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where pressure is higher behind it, and the law is no longer elliptic."""
+    soft = orthotropic_stiffness(3.0, 3.0, 3.0 / 2.6, 0.3)
+    membrane = Membrane(disc(100.0, 1), 0.81)
+    monkeypatch.setattr("bulgefit.fem.trace._GROWTH", growth)
+    monkeypatch.setattr("bulgefit.fem.trace._MOST_GROWTH", 2.0)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, soft, (0.0115, 0.3))
+    assert caught.value.cause is Cause.LIMIT_PRESSURE
+    shape = trace(membrane, soft, (0.0115, 0.0115)).displacement[0]
+    volume, pressures = volume_of(membrane, shape), [0.0115]
+    for share in np.linspace(1.0, 2.0, 101):
+        point = at_volume(membrane, soft, shape, pressures[-1], share * volume)
+        shape = point.displacement
+        pressures.append(point.pressure)
+    assert 0 < np.argmax(pressures) < 100
+    assert caught.value.reached == pytest.approx(max(pressures), rel=1e-4)
+
+
 def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where bands are near, a volume may be found on another branch, under less pressure.
 

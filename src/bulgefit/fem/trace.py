@@ -511,7 +511,7 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
     """
     last = tracer.levels[-1]
     volume = volume_of(tracer.membrane, last.displacement)
-    points = [Point(last.displacement, last.s**3, volume, last.stable, 0)]
+    points = [Point(last.displacement, last.s**3, volume, last.stable, True, 0)]
     growth = _GROWTH
     for _ in range(_BY_VOLUME):
         here = points[-1]
@@ -536,6 +536,9 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
                 # what lies behind may be found on a branch of lower pressures
                 beyond = max(np.cbrt(high.pressure), reached * (1.0 + _BRACKET))
                 raise _lost_at(tracer, beyond, reached)
+        # its pressure is higher, and has been higher still
+        if not point.rises:
+            raise _limit(tracer, points, failure)
         s = np.cbrt(point.pressure)
         if s > beyond:
             try:
@@ -596,12 +599,9 @@ def _ahead(points: list[Point], volume: float) -> Floats:
 
 
 def _limit(tracer: _Tracer, points: list[Point], failure: NewtonError) -> _StoppedError:
-    """What ends a path whose last point has more volume under less pressure than the one before."""
-    best = points[-2]
-    if len(points) > 2:
-        three = points[-3], points[-2], points[-1]
-        best, work = highest_pressure(tracer.membrane, tracer.stiffness, three)
-        tracer.work += work
+    """What ends a path at whose last point more volume takes less pressure."""
+    best, work = highest_pressure(tracer.membrane, tracer.stiffness, points)
+    tracer.work += work
     s = np.cbrt(best.pressure)
     return _StoppedError(
         Cause.LIMIT_PRESSURE.value, Cause.LIMIT_PRESSURE, s * (1.0 + _BRACKET), s, failure
