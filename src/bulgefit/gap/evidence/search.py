@@ -192,6 +192,21 @@ class Search(Generic[Kind]):
             self.fits[best.model] = found
             if self.best is found:
                 close.improved(found)
+            if self.best is found:
+                self._without_each(found)
+
+    def _without_each(self, fit: Fit) -> None:
+        """Drops from a fit, each fitted, until one of them is the best model.
+
+        A group may hold the others in a valley that none of them would stay in: what they would do
+        without it is on the other side, and no forecast sees it.
+        """
+        rough = replace(self, roughly=True, share=_GROWN)
+        for model in self._smaller(fit.model):
+            if model not in self.fits:
+                rough.fit(model, fit.x, fit.here.near)
+                if self.best is not fit:
+                    return
 
     def scores(self, temper: float) -> dict[Model, float]:
         """Of every model that was fitted, and of those whose share counts by forecast.
