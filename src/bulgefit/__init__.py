@@ -20,16 +20,23 @@ if TYPE_CHECKING:
     from bulgefit.dic.writers import write_test as write_test
     from bulgefit.fem.mesh import Mesh as Mesh
     from bulgefit.fem.mesh import disc as disc
+    from bulgefit.fitting.answers import CrossValidation as CrossValidation
+    from bulgefit.fitting.answers import Evaluation as Evaluation
+    from bulgefit.fitting.batch import Batch as Batch
     from bulgefit.fitting.batch import batch_of as batch_of
+    from bulgefit.fitting.bootstrap import Bootstrap as Bootstrap
     from bulgefit.fitting.bootstrap import bootstrap as bootstrap
     from bulgefit.fitting.crossval import crossval as crossval
     from bulgefit.fitting.evaluate import evaluate as evaluate
     from bulgefit.fitting.fit import fit as fit
     from bulgefit.fitting.options import FitOptions as FitOptions
     from bulgefit.fitting.problem import Prior as Prior
+    from bulgefit.fitting.result import FitResult as FitResult
     from bulgefit.gap.diagnose import diagnose as diagnose
+    from bulgefit.gap.diagnosis import Diagnosis as Diagnosis
     from bulgefit.model.parameters import Material as Material
     from bulgefit.model.parameters import material as material
+    from bulgefit.model.predict import Predicted as Predicted
     from bulgefit.model.predict import predict as predict
     from bulgefit.model.setup import Setup as Setup
     from bulgefit.model.simulation import Simulation as Simulation
@@ -39,25 +46,40 @@ if TYPE_CHECKING:
     from bulgefit.report.measured import plot_apex as plot_apex
     from bulgefit.report.measured import plot_measured as plot_measured
     from bulgefit.report.measured import plot_rings as plot_rings
+    from bulgefit.report.objectives import plot_objectives as plot_objectives
     from bulgefit.report.paraview import write_paraview as write_paraview
     from bulgefit.report.paraview import write_test_paraview as write_test_paraview
     from bulgefit.report.plot import plot as plot
     from bulgefit.report.profiles import plot_profiles as plot_profiles
+    from bulgefit.report.refits import plot_refits as plot_refits
     from bulgefit.report.residuals import plot_residuals as plot_residuals
+    from bulgefit.report.shapes import plot_shapes as plot_shapes
     from bulgefit.report.show import animate as animate
     from bulgefit.report.show import show as show
     from bulgefit.report.spreads import plot_spreads as plot_spreads
+    from bulgefit.report.trials import plot_reliability as plot_reliability
+    from bulgefit.report.trials import plot_shares as plot_shares
+    from bulgefit.report.trials import plot_sizes as plot_sizes
+    from bulgefit.trial.answer import TrialAnswer as TrialAnswer
     from bulgefit.trial.run import run_trial as run_trial
 
     __version__: str
 
 #: Where each public name lives.
 _HOMES = {
+    "Batch": "bulgefit.fitting.batch",
+    "Bootstrap": "bulgefit.fitting.bootstrap",
     "BulgeTest": "bulgefit.dic.bulge_test",
+    "CrossValidation": "bulgefit.fitting.answers",
+    "Diagnosis": "bulgefit.gap.diagnosis",
+    "Evaluation": "bulgefit.fitting.answers",
+    "FitResult": "bulgefit.fitting.result",
     "Material": "bulgefit.model.parameters",
     "Measured": "bulgefit.dic.surface.measured",
     "Mesh": "bulgefit.fem.mesh",
+    "Predicted": "bulgefit.model.predict",
     "Simulation": "bulgefit.model.simulation",
+    "TrialAnswer": "bulgefit.trial.answer",
     "animate": "bulgefit.report.show",
     "batch_of": "bulgefit.fitting.batch",
     "bootstrap": "bulgefit.fitting.bootstrap",
@@ -77,9 +99,15 @@ _HOMES = {
     "plot_fields": "bulgefit.report.fields",
     "plot_folds": "bulgefit.report.folds",
     "plot_measured": "bulgefit.report.measured",
+    "plot_objectives": "bulgefit.report.objectives",
     "plot_profiles": "bulgefit.report.profiles",
+    "plot_refits": "bulgefit.report.refits",
+    "plot_reliability": "bulgefit.report.trials",
     "plot_residuals": "bulgefit.report.residuals",
     "plot_rings": "bulgefit.report.measured",
+    "plot_shapes": "bulgefit.report.shapes",
+    "plot_shares": "bulgefit.report.trials",
+    "plot_sizes": "bulgefit.report.trials",
     "plot_spreads": "bulgefit.report.spreads",
     "read_test": "bulgefit.dic.readers",
     "run_trial": "bulgefit.trial.run",

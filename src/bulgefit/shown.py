@@ -10,7 +10,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-__all__ = ["Drawn", "Shown", "drawn_by"]
+__all__ = ["Drawn", "drawn_by"]
 
 #: Who draws results; the roof hangs it here.
 _drawer: list[Callable[..., Any]] = []
@@ -21,15 +21,11 @@ def drawn_by(drawer: Callable[..., Any]) -> None:
     _drawer[:] = [drawer]
 
 
-class Shown:
-    """What a notebook shows as it shows on a terminal."""
+class Drawn:
+    """What a notebook shows as it shows on a terminal, and what has figures."""
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
-
-
-class Drawn(Shown):
-    """What has figures, too."""
 
     def plot(self, kind: str | None = None, **how: Any) -> Any:
         """Draw one of the figures that this result has.

@@ -66,6 +66,43 @@ def test_help_names_every_verb(capsys):
         assert word in text
 
 
+def help_of(verb, capsys):
+    """In one line."""
+    assert cli.main([verb, "--help"]) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "convert",
+        "align",
+        "info",
+        "measure",
+        "show",
+        "evaluate",
+        "fit",
+        "batch",
+        "crossval",
+        "diagnose",
+    ],
+)
+def test_help_says_that_exports_are_read(verb, capsys):
+    assert "export of a DIC system; bulgefit formats lists them)" in help_of(verb, capsys)
+
+
+def test_help_says_what_a_page_shows(capsys):
+    """Maps are of tests that were measured: a trial has none, nor has a cross-validation."""
+    told = {verb: help_of(verb, capsys) for verb in ("fit", "diagnose", "crossval", "trial")}
+    assert all("opens offline, from a mail, on a phone" in text for text in told.values())
+    assert [verb for verb, text in told.items() if "maps by pressure" in text] == [
+        "fit", "diagnose",
+    ]  # fmt: skip
+    # --output must be given
+    assert "--output with .part added)" in told["trial"]
+    assert "--json with .part added, none without --json)" in told["fit"]
+
+
 def test_help_of_simulate_teaches(capsys):
     assert cli.main(["simulate", "--help"]) == 0
     text = capsys.readouterr().out

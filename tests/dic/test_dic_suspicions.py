@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bulgefit.cli import convert, info, tests_in
-from bulgefit.dic import BulgeTest, read_test
+from bulgefit.dic import BulgeTest, describe, read_test
 from bulgefit.dic.rim import rim_of
 from bulgefit.dic.suspicions import alarms, suspicions
 from bulgefit.dic.suspicions.in_plane import in_plane
@@ -281,6 +281,20 @@ def test_what_is_shipped_is_not_suspected(name):
 @pytest.mark.parametrize("case", [1, 2, 3, 4])
 def test_practice_cases_raise_no_alarm(shared, case):
     assert alarms(read_test(shared / "practice" / f"case0{case}.npz")) == []
+
+
+def test_heights_that_are_next_to_nothing_say_nothing_of_the_axes(arrays):
+    """The plane's motion is by far more than such a rise asks for, be the axes what they may."""
+    sign(arrays, "d", -1, -1, 1)
+    arrays["displacement"][..., 2] *= 1e-6
+    arrays["displacement"][0, :, 2] = -0.0
+    test = BulgeTest.from_arrays(**arrays)
+    codes = {suspicion.code for suspicion in suspicions(test)}
+    assert "rise_too_small" in codes
+    assert not {code for code in codes if code.startswith(("dx", "dy"))}
+    table = info._table(describe(test))
+    assert "apex            dz 0 mm at the first frame" in table
+    assert "-0 " not in table
 
 
 def test_single_frames_lines_and_rings_are_not_judged(example):

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Owned
+from bulgefit.effects.registry import effect_named
 from bulgefit.errors import InputError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.diagnose import diagnose
+from bulgefit.gap.diagnosis import Diagnosis
+from bulgefit.gap.follow_up.advise import advise
+from bulgefit.gap.keys import specimen_values
 from bulgefit.gap.specimen import Specimen
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -34,10 +40,14 @@ def made(points: np.ndarray, index: int, effect: dict[str, float]) -> BulgeTest:
 
 
 @pytest.fixture(scope="module")
-def told(grid) -> dict[str, Any]:
+def found(grid) -> Diagnosis:
     slack = {"prestrain.slack_x": 0.004}
     tests = [made(grid(11.0), 0, slack), made(grid(11.0), 1, {})]
-    found = diagnose(tests, effects=("prestrain", "clamp_shape"), same_rig=True)
+    return diagnose(tests, effects=("prestrain", "clamp_shape"), same_rig=True)
+
+
+@pytest.fixture(scope="module")
+def told(found: Diagnosis) -> dict[str, Any]:
     return json.loads(json.dumps(found.to_dict()))
 
 
@@ -74,6 +84,37 @@ def test_the_cause_is_one_specimens(told: dict[str, Any]) -> None:
     assert told["specimens"][1]["effects"] == []
     slack = cause["parameters"]["slack_x@0"]
     assert abs(slack["value"] - 0.004) < 4.0 * slack["stderr"]
+
+
+def test_advice_is_about_the_test_that_has_the_effect(found: Diagnosis) -> None:
+    """What stands out is what the others cannot imitate, by least squares over that test alone."""
+    (known,) = found.explanation.evidence.values()
+    told = {}
+    for index in (0, 1):
+        doubted = replace(
+            found.explanation,
+            evidence={Owned("prestrain", index): known},
+            others={Owned("clamp_shape"): 0.1},
+        )
+        now, *further = advise([p.data for p in found.prepared], doubted)
+        assert (now.specimen, now.between) == (index, ("prestrain", "clamp_shape"))
+        assert now.why == ""
+        assert all(a.why and a.separation > (1 - 1e-9) * now.separation for a in further)
+        told[index] = now.separation
+        data = found.prepared[index].data
+        values = specimen_values(doubted.final.values, index)
+        rest = ["E1", "E2", "G12", "prestrain.slack_x", "prestrain.slack_y"]
+        own = ["clamp_shape.ellipticity", "clamp_shape.radius_error"]
+        near = doubted.final.predictions[index].shapes
+        seen = data.specimen.predict(values, [*rest, *own], near).derivative / data.sigma
+        columns = np.where(data.used, seen, 0.0).reshape(len(seen), -1).T
+        imitate, ours = np.split(columns, [len(rest)], axis=1)
+        left = ours - imitate @ np.linalg.lstsq(imitate, ours, rcond=None)[0]
+        ranges = [effect_named("clamp_shape").parameter(key.split(".")[1]) for key in own]
+        left *= [0.1 * (parameter.upper - parameter.lower) for parameter in ranges]
+        expected = np.linalg.norm(left, 2) / np.sqrt(data.inflation)
+        assert now.separation == pytest.approx(expected, rel=1e-4)
+    assert told[0] != pytest.approx(told[1], rel=1e-6)
 
 
 def test_priors_are_of_moduli(grid) -> None:

@@ -74,7 +74,8 @@ def pages(found, fitted, plate, plain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
     record = json.loads(json.dumps(record_of(found)))
     told = record["report"]
-    told["tests"] = [{**told["tests"][0], "name": name} for name in (NAME, "second")]
+    made = {**told["tests"][0], "sha256": "f0" * 32}
+    told["tests"] = [{**made, "name": name} for name in (NAME, "second")]
     for key in ("noise",):
         record[key] = 2 * record[key]
     for key in ("mesh", "offsets"):
@@ -137,6 +138,10 @@ def test_nothing_is_cut_off_said_or_asked_for(browser, pages, name, width, schem
         ".map(e => e.textContent.slice(0, 40))"
     )
     assert wide == []
+    assert browser.execute_script(
+        "return [...document.querySelectorAll('.scroll')]"
+        ".filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent.slice(0, 40))"
+    ) == []  # fmt: skip
     assert (colour_of_paper(browser) == "rgb(255, 255, 255)") == (scheme == "light")
     assert browser.get_log("browser") == []
     events = [json.loads(e["message"])["message"] for e in browser.get_log("performance")]
@@ -265,6 +270,53 @@ def test_another_test_is_chosen(browser, pages):
     browser.find_element(By.ID, "pressure").send_keys(Keys.HOME)
     browser.find_elements(By.CSS_SELECTOR, "#test option")[1].click()
     assert browser.find_element(By.ID, "bar").text == "2.5 bar"
+
+
+def shown(browser):
+    """Of each fold whether it is open, and whether what it holds is seen."""
+    return browser.execute_async_script("""
+      const done = arguments[0], look = {contentVisibilityAuto: true, visibilityProperty: true};
+      // once it is drawn
+      requestAnimationFrame(() => requestAnimationFrame(() => done(
+        [...document.querySelectorAll("details")].map((fold) =>
+          [fold.open, fold.querySelector("table, .bars, .discs").checkVisibility(look)]))));
+    """)
+
+
+@pytest.mark.parametrize("width", [PHONE, DESK])
+def test_each_of_several_tests_is_folded_away(browser, pages, width):
+    """A test more takes a line or two of the page, and none of its length."""
+    show(browser, pages["bare"], width)
+    folds = browser.find_elements(By.TAG_NAME, "details")
+    names = [fold.find_element(By.TAG_NAME, "h3").text for fold in folds]
+    assert names == [
+        "all specimens", "the same on the fitted data", NAME, "second", "all of them",
+    ]  # fmt: skip
+    assert max(f.size["height"] for f in folds) < 120
+    shut, opened = [False, False], [True, True]
+    assert shown(browser) == [shut] * 5
+    folds[3].find_element(By.TAG_NAME, "summary").click()
+    assert shown(browser) == [shut, shut, shut, opened, shut]
+    assert folds[3].size["height"] > 800
+    # paper has everything, be it by the page's script or its style
+    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+    assert shown(browser) == [opened] * 5
+    browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    assert shown(browser) == [shut, shut, shut, opened, shut]
+    show(browser, pages["bare"], width, media="print")
+    assert shown(browser) == [[False, True]] * 5
+
+
+def test_folds_open_without_scripts(browser, pages):
+    browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        show(browser, pages["bare"], PHONE)
+        fold = browser.find_element(By.TAG_NAME, "details")
+        fold.find_element(By.TAG_NAME, "summary").click()
+        assert fold.get_attribute("open")
+        assert fold.find_element(By.TAG_NAME, "table").is_displayed()
+    finally:
+        browser.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
 
 
 def test_a_name_is_no_script(browser, pages):

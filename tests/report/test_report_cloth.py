@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from bulgefit.report._diagnosis_markdown import as_markdown
+from bulgefit.report.page.blocks import Block
 from bulgefit.report.page.law_chart import law_chart
 from bulgefit.report.page.of_diagnosis import page_of_diagnosis
 from bulgefit.report.page.page import page_html
 from bulgefit.report.record import record_of
+from bulgefit.report.words.blocks import blocks_of
+from bulgefit.report.words.next import advice_items
 from bulgefit.report.words.table import table
 
 STRAIN = np.array([0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.05])
@@ -181,6 +184,95 @@ def test_an_effect_of_several_tests_is_told_once(family):
         assert text.count("rigid_motion looks much like registration (0.97)") == 1
     assert "| rim_lift of B | 0.200 | weighed and dropped |" in page
     assert "| rim_field of A and B, creep | below 0.001 each | weighed and dropped |" in page
+
+
+def test_causes_are_told_specimen_by_specimen(family):
+    family = deepcopy(family)
+    for told, name in zip(family["report"]["tests"], ("A", "B"), strict=True):
+        told["name"] = name
+    moved = family["causes"][0]
+    family["causes"] = [
+        {**moved, "specimen": 1, "probability": 0.97, "alternatives": ["registration"]},
+        {**moved, "effect": "creep", "specimen": None, "probability": 0.9999},
+        {**moved, "effect": "prestrain", "specimen": 1, "probability": 0.5},
+    ]
+    folds = [block for block in blocks_of(family)["causes"] if block.kind == "fold"]
+    assert [fold.lines for fold in folds] == [
+        ("all specimens", "creep (over 0.999)"),
+        ("B", "rigid_motion or registration (0.970), prestrain (0.500)"),
+    ]
+    table_of_b, words_of_b = folds[1].inside
+    assert [row[0] for row in table_of_b.rows[1:] if row[0]] == [
+        "rigid_motion or registration of B", "prestrain of B",
+    ]  # fmt: skip
+    assert len(words_of_b.lines) == 2
+
+
+def test_where_the_gap_lies_is_told_test_by_test(family):
+    """Each in its fold, which says how much of it there is."""
+    family = deepcopy(family)
+    for told, name in zip(family["report"]["tests"], ("A", "B"), strict=True):
+        told["name"] = name
+    cells = family["report"]["cells"]
+    counts = {
+        kind: [sum(abs(c["significance"]) > 3.0 for c in each) for each in of]
+        for kind, of in cells.items()
+    }
+    assert counts["baseline"] > [0, 0]
+    blocks = page_of_diagnosis(family).blocks
+    at = blocks.index(Block("heading", ("Where the gap lies",)))
+    folds = blocks[at + 1 : at + 3]
+    assert [fold.lines for fold in folds] == [
+        (name, f"of {len(cells['final'][i])} means beyond 3 standard errors: moduli alone "
+               f"{counts['baseline'][i]}, with causes {counts['final'][i]}")
+        for i, name in enumerate("AB")
+    ]  # fmt: skip
+    assert all({"discs", "curves"} <= {b.kind for b in fold.inside} for fold in folds)
+    assert f"**B**: {folds[1].lines[1]}." in as_markdown(page_of_diagnosis(family), [])
+
+
+def advised(record, separations, alternatives=(), **more):
+    """The record, were its advice about creep and lens_distortion."""
+    names = ("this test alone", "images at rest", "rim points", "hold")
+    record = deepcopy(record)
+    for told, name in zip(record["report"]["tests"], ("A", "B"), strict=True):
+        told["name"] = name
+    record["causes"] = [{**record["causes"][0], "alternatives": list(alternatives)}]
+    record["advice"] = [
+        {"measurement": name, "separation": s, "between": ["creep", "lens_distortion"], **more}
+        for name, s in zip(names, separations, strict=False)
+    ]
+    return record
+
+
+def test_advice_says_which_test_and_what_its_numbers_are(family):
+    meant = (
+        "standard errors by which lens_distortion, at a tenth of its plausible range, would show "
+        "beyond what creep and the moduli can imitate"
+    )
+    (told,) = advice_items(advised(family, [44.4, 60.0], specimen=1, why=""))
+    assert told == (
+        "The least sure of what was found is creep, the most probable of what was left out "
+        f"lens_distortion. B alone tells them apart, by 44 {meant}: no further measurement is "
+        "needed for that."
+    )
+    rivals = ["lens_distortion"]
+    (told,) = advice_items(
+        advised(family, [2.0, 9.0, 7.0, 2.0], rivals, specimen=1, why="it is still")
+    )
+    assert told == (
+        "To tell creep from lens_distortion, measure beside B, best first: images at rest (9); rim "
+        f"points (7). The first because it is still. In brackets: {meant}; B alone has 2."
+    )
+    # as an earlier version wrote it
+    (told,) = advice_items(advised(family, [2.0, 9.0], rivals))
+    assert "measure beside A, best first: images at rest (9). In brackets" in told
+    (told,) = advice_items(advised(family, [2.0, 2.0], rivals, specimen=1, why=""))
+    assert told == (
+        "No further measurement that was tried would tell creep from lens_distortion better than "
+        "B does."
+    )
+    assert "compete" in advice_items({**family, "advice": []})[0]
 
 
 def test_figures_of_a_test_have_its_own_effects_alone(pair):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,27 @@ def predicted(plate):
 
 
 @pytest.fixture(scope="module")
+def evaluation(plate, plain):
+    """Of two tests, one that has lost its heights, so that it has no e_z."""
+    (block,) = plain.blocks
+    seen = np.where([True, True, False], block.displacement, np.nan)
+    flat = replace(plain, blocks=(replace(block, displacement=seen),))
+    return bulgefit.evaluate([plate, flat], MODULI)
+
+
+@pytest.fixture(scope="module")
+def batch(fit_found):
+    """Of two specimens; one does not tell G12."""
+    silent = replace(
+        fit_found,
+        uncertainty=replace(
+            fit_found.uncertainty, stderr={**fit_found.uncertainty.stderr, "G12": None}
+        ),
+    )
+    return bulgefit.batch_of([fit_found, silent])
+
+
+@pytest.fixture(scope="module")
 def simulated():
     return bulgefit.simulate({**MODULI, "nu12": 0.24}, [0.2, 0.1], refine=2)
 
@@ -62,7 +84,10 @@ def measured(plate):
 #: Kinds of each fixture's result, and what they need.
 KINDS = {
     "fit_found": ("parameters",),
+    "plate": ("profiles",),
     "folds": ("folds",),
+    "evaluation": ("objectives",),
+    "batch": ("parameters",),
     "refits": ("parameters",),
     "simulated": ("shapes",),
     "predicted": ("profiles", "residuals"),
@@ -182,6 +207,104 @@ def test_tables(folds, predicted, plate, found, trial_answer):
     assert told.loc["test_0.npz", "causes"] == [["clamp_slip"]]
     evaluation = bulgefit.evaluate(plate, MODULI)
     assert evaluation.to_dataframe().loc["plate 1/a", "r_dz"] == evaluation["tests"][0]["dz"]
+
+
+#: Of each table: what its rows are, and the unit of a column that has one.
+TABLES = {
+    "fit_found": ("parameter", None),
+    "batch": ("specimen", ("G12_stderr", "MPa")),
+    "refits": ("refit", ("E1", "MPa")),
+    "folds": ("left_out", ("e_w", "mm")),
+    "evaluation": ("test", ("r_dz", "mm")),
+    "trial_answer": ("file", None),
+}
+
+
+@pytest.mark.parametrize("of", TABLES)
+def test_tables_for_xarray_are_those_for_pandas(of, request, tmp_path):
+    pytest.importorskip("pandas")
+    xarray = pytest.importorskip("xarray")
+    result, (each, unit) = request.getfixturevalue(of), TABLES[of]
+    table, data = result.to_dataframe(), result.to_xarray()
+    assert list(data.data_vars) == list(table.columns)
+    assert dict(data.sizes)[each] == len(table)
+    for name in table.columns:
+        ours = data[name]
+        assert ours.dims[0] == each
+        if ours.dtype.kind in "fib" and ours.ndim == 1:
+            np.testing.assert_array_equal(ours, table[name].astype(float))
+    if of != "refits":
+        assert data[each].values.tolist() == table.index.tolist()
+    if unit is not None:
+        assert data[unit[0]].attrs == {"units": unit[1]}
+    # a file can hold it
+    data.to_netcdf(tmp_path / "table.nc", engine="scipy")
+    with xarray.open_dataset(tmp_path / "table.nc", engine="scipy") as read:
+        xarray.testing.assert_equal(read.load(), data)
+
+
+def test_what_a_row_lacks(fit_found, batch, evaluation, trial_answer):
+    pytest.importorskip("xarray")
+    data = fit_found.to_xarray()
+    held = data.sel(parameter="nu12")
+    assert np.isnan(held.interval95).all()
+    assert held.unit == "1"
+    low, high = fit_found.uncertainty.interval95["E1"]
+    assert data.interval95.sel(parameter="E1").values.tolist() == [low, high]
+    assert data.interval95.dims == ("parameter", "end")
+    assert np.isfinite(batch.to_xarray().E1).all()
+    assert np.isnan(batch.to_xarray().G12).values.tolist() == [False, True]
+    assert np.isnan(evaluation.to_xarray().e_z).values.tolist() == [False, True]
+    told = TrialAnswer(
+        trial_answer, tests=[{**trial_answer["tests"][0], "causes": [["creep"], ["a", "b"]]}]
+    ).to_xarray()
+    assert told.causes.values.tolist() == ["creep, a or b"]
+    assert told.struck.values.tolist() == [""]
+    assert told.right.values.tolist() == [True]
+
+
+def test_every_public_result_shows_itself_in_all_ways():
+    results = {
+        name for name in bulgefit.__all__
+        if isinstance(thing := getattr(bulgefit, name), type) and hasattr(thing, "to_dict")
+    }  # fmt: skip
+    assert results == {
+        "Batch", "Bootstrap", "BulgeTest", "CrossValidation", "Diagnosis", "Evaluation",
+        "FitResult", "Measured", "Predicted", "Simulation", "TrialAnswer",
+    }  # fmt: skip
+    for name in results:
+        result = getattr(bulgefit, name)
+        assert issubclass(result, Drawn)
+        assert "__repr__" in vars(result)
+        assert {"plot", "to_dict", "to_dataframe", "to_xarray", "_repr_html_"} <= {*dir(result)}
+
+
+def test_objectives_stand_where_their_numbers_are(evaluation):
+    left, right = evaluation.plot().axes
+    assert [label.get_text() for label in left.get_yticklabels()] == [
+        "plate 1/a", "plain", "mean over tests",
+    ]  # fmt: skip
+    first, second = evaluation["tests"]
+    assert [line.get_label() for line in left.lines] == ["dx", "dy", "dz"]
+    assert left.lines[0].get_xdata().tolist() == [first["dx"], second["dx"]]
+    assert left.lines[2].get_xdata().tolist() == [first["dz"]]
+    e, _, e_z = right.lines
+    assert e.get_xdata().tolist() == [first["e"], second["e"], evaluation["e"]]
+    assert e.get_ydata().tolist() == [0, 1, 2]
+    assert 1 not in e_z.get_ydata()
+    assert e_z.get_xdata()[0] == first["e_z"]
+
+
+def test_a_test_draws_what_was_measured(plate):
+    figure = plate.plot("profiles")
+    assert figure.get_suptitle().startswith("plate 1/a: measured\n")
+    block = plate.blocks[0]
+    on = np.abs(block.reference[:, 1]) < 1.0
+    (line, *others) = figure.axes[0].lines
+    assert len(others) == 4
+    assert line.get_label() == "2.5 bar"
+    order = np.argsort(block.reference[on, 0])
+    np.testing.assert_array_equal(line.get_ydata(), block.displacement[-1, on, 2][order])
 
 
 def test_refits_stand_beside_their_interval(refits):

@@ -33,6 +33,9 @@ def add_resume_arguments(parser: argparse.ArgumentParser, output: str) -> None:
     output : str
         The option beside whose file or folder the journal stands.
     """
+    required = any(
+        action.required and output in action.option_strings for action in parser._actions
+    )
     group = parser.add_argument_group("going on after an interruption")
     group.add_argument(
         "--resume",
@@ -43,8 +46,9 @@ def add_resume_arguments(parser: argparse.ArgumentParser, output: str) -> None:
     group.add_argument(
         "--journal",
         metavar="FILE",
-        help=f"keep what is done here until the run ends well (default: {output} with .part added, "
-        f"none without {output})",
+        help=f"keep what is done here until the run ends well (default: {output} with .part added"
+        + ("" if required else f", none without {output}")
+        + ")",
     )
     parser.set_defaults(journal_beside=output.removeprefix("--"))
 

@@ -6,7 +6,12 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, reader_options
+from bulgefit.cli.tests_in import (
+    add_reader_arguments,
+    add_test_argument,
+    files_read,
+    reader_options,
+)
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit align raw/ test.npz --radius 100 --thickness 0.81 --bin 7\n"
         "  bulgefit align test.npz aligned.npz --marks=-60,2,60,5 --rigid --drop-strays"
     )
-    parser.add_argument("input", metavar="IN", help="test to read: a file or a folder")
+    add_test_argument(parser, "input")
     parser.add_argument("output", metavar="OUT", help="file to write: .npz, .h5 or .hdf5")
     _add_steps(parser)
     parser.add_argument(

@@ -7,7 +7,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, reader_options
+from bulgefit.cli.tests_in import (
+    add_reader_arguments,
+    add_test_argument,
+    files_read,
+    reader_options,
+)
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,9 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit convert test.npz turned.npz --rotate 90\n"
         "  bulgefit convert test.npz mended.npz --unit pressure=psi/bar --flip dx --centre rim"
     )
-    parser.add_argument(
-        "input", metavar="IN", help="test to read: a file or a folder of CSV frames"
-    )
+    add_test_argument(parser, "input")
     parser.add_argument("output", metavar="OUT", help="file to write: .npz, .h5 or .hdf5")
     _add_mends(parser)
     parser.add_argument(

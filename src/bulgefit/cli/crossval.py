@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reader_arguments(parser)
     _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
-    add_report_argument(parser)
+    add_report_argument(parser, "parameters and misfits fold by fold")
 
 
 def run(args: argparse.Namespace) -> int:

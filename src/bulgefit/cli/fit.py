@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reader_arguments(parser)
     _resuming.add_resume_arguments(parser, "--json")
     _common.add_json_arguments(parser)
-    add_report_argument(parser)
+    add_report_argument(parser, "what to use, maps by pressure")
     parser.add_argument(
         "--plots",
         metavar="FOLDER",

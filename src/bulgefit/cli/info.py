@@ -6,7 +6,12 @@ import argparse
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, reader_options
+from bulgefit.cli.tests_in import (
+    add_reader_arguments,
+    add_test_argument,
+    files_read,
+    reader_options,
+)
 
 if TYPE_CHECKING:
     from bulgefit.dic import TestInfo
@@ -29,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit info frames/ --radius 100 --thickness 0.81\n"
         "  bulgefit info test.npz --json -"
     )
-    parser.add_argument("test", metavar="FILE", help="a file or a folder of CSV frames")
+    add_test_argument(parser)
     parser.add_argument(
         "--json",
         metavar="FILE",
@@ -101,7 +106,11 @@ def _per_frame(info: TestInfo) -> str:
 
 
 def _span(pair: tuple[float, float] | None) -> str:
-    return "not measured" if pair is None else f"{pair[0]:.4g} to {pair[1]:.4g}"
+    return "not measured" if pair is None else f"{_plain(pair[0])} to {_plain(pair[1])}"
+
+
+def _plain(number: float) -> str:
+    return f"{number + 0.0:.4g}"  # not -0
 
 
 def _quadrants(info: TestInfo) -> str:
@@ -116,7 +125,9 @@ def _pressure(info: TestInfo) -> str:
 
 def _apex(info: TestInfo) -> str:
     known = [rise for rise in info.apex_mm if rise is not None]
-    return f"dz {known[0]:.4g} mm at the first frame, {known[-1]:.4g} at the last" if known else "-"
+    if not known:
+        return "-"
+    return f"dz {_plain(known[0])} mm at the first frame, {_plain(known[-1])} at the last"
 
 
 def _static(info: TestInfo) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
 from bulgefit.cli._model import add_model_arguments, has_model, predicted_from
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, tests_from
+from bulgefit.cli.tests_in import add_reader_arguments, add_test_argument, files_read, tests_from
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit measure test.npz --json -\n"
         "  bulgefit measure test.npz --from gap.json --plots figures"
     )
-    parser.add_argument("test", metavar="TEST", help="bulge test: a file, or a folder of frames")
+    add_test_argument(parser)
     parser.add_argument(
         "--window",
         type=float,

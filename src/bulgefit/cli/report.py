@@ -27,10 +27,6 @@ __all__ = [
 HELP = "draw the page of a result again from its JSON"
 
 _SUFFIX = ".html"
-_REPORT = (
-    "write one page of HTML that holds all it shows: what to use, maps by pressure, how it was "
-    "made; it opens offline, from a mail, on a phone"
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,9 +74,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def add_report_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --report FILE.html."""
-    parser.add_argument("--report", metavar="FILE.html", help=f"{_REPORT} (default: none)")
+def add_report_argument(parser: argparse.ArgumentParser, shown: str) -> None:
+    """Add --report FILE.html, a page that shows what is said here, and how it was made."""
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        help=f"write one page of HTML that holds all it shows: {shown}, how it was made; it opens "
+        "offline, from a mail, on a phone (default: none)",
+    )
 
 
 def is_page(path: str) -> bool:

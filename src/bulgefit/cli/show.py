@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
 from bulgefit.cli._model import add_model_arguments, predicted_from
-from bulgefit.cli.tests_in import add_reader_arguments, files_read, tests_from
+from bulgefit.cli.tests_in import add_reader_arguments, add_test_argument, files_read, tests_from
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit show test.npz bulge.png --field dx --E1 303 --E2 229 --G12 5\n"
         "  bulgefit show test.npz bulge.pvd --from gap.json"
     )
-    parser.add_argument("test", metavar="TEST", help="bulge test: a file, or a folder of frames")
+    add_test_argument(parser)
     parser.add_argument("output", metavar="OUT", help="file to write: .png, .gif, .mp4 or .pvd")
     parser.add_argument(
         "--field",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "add_reader_arguments",
+    "add_test_argument",
     "add_tests_argument",
     "files_read",
     "reader_options",
@@ -24,6 +25,11 @@ __all__ = [
     "tests_from",
 ]
 
+
+_TEST = (
+    "bulge test: a file (.npz, .h5, the study's .npy), or a folder or 'pattern*' of one file a "
+    "frame (CSV, or an export of a DIC system; bulgefit formats lists them)"
+)
 
 # Options of the formats that are exports of DIC systems.
 _OF_EXPORTS = ("pressure", "pressure_column", "pressure_unit", "positions", "length_unit")
@@ -35,9 +41,13 @@ def add_tests_argument(parser: argparse.ArgumentParser) -> None:
         "tests",
         nargs="+",
         metavar="TEST",
-        help="bulge test: a file (.npz, .h5, the study's .npy), or a folder or 'pattern*' of one "
-        "file a frame (CSV, or an export of a DIC system; bulgefit formats lists them)",
+        help=_TEST,
     )
+
+
+def add_test_argument(parser: argparse.ArgumentParser, dest: str = "test") -> None:
+    """Add the positional TEST, as `args.test`, or IN, as `args.input`."""
+    parser.add_argument(dest, metavar="TEST" if dest == "test" else "IN", help=_TEST)
 
 
 def add_reader_arguments(parser: argparse.ArgumentParser) -> None:

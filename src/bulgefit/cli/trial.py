@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _common.add_scheduler_argument(parser)
     _resuming.add_resume_arguments(parser, "--output")
     _common.add_json_arguments(parser)
-    add_report_argument(parser)
+    add_report_argument(parser, "what was found and what was not, test by test")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from bulgefit.dic.check import check, increases
 from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.errors import InputError
 from bulgefit.parallel.parcels import sent_once
-from bulgefit.shown import Shown
+from bulgefit.shown import Drawn
 
 __all__ = ["Block", "BulgeTest"]
 
@@ -56,7 +56,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class BulgeTest(Shown):
+class BulgeTest(Drawn):
     """One measured (or made) bulge inflation test.
 
     A test whose frames share their points is one block; where every frame has points of its own

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from bulgefit.dic.frames import dataframe
-from bulgefit.fitting.objective import OBJECTIVES
-from bulgefit.shown import Drawn, Shown
+from bulgefit.dic.frames import Rows, Tabled
+from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES
+from bulgefit.fitting.result import unit_of
+from bulgefit.shown import Drawn
 
 __all__ = ["CrossValidation", "Evaluation"]
 
@@ -14,48 +15,57 @@ __all__ = ["CrossValidation", "Evaluation"]
 _PARTS = {"dx": "r_dx", "dy": "r_dy", "dz": "r_dz", **{name: name for name in OBJECTIVES}}
 
 
-class Evaluation(Shown, dict[str, Any]):
-    """Objectives of given parameters, as JSON types; see `bulgefit.evaluate`."""
+class Evaluation(Drawn, Tabled, dict[str, Any]):
+    """Objectives of given parameters, as JSON types; see `bulgefit.evaluate`.
+
+    As a table: a row a test, its mean absolute deviations and objectives in mm.
+    """
 
     def to_dict(self) -> dict[str, Any]:
         """The same without its tables."""
         return dict(self)
 
-    def to_dataframe(self) -> Any:
-        """A row a test, mm; needs `bulgefit[pandas]`."""
+    def _rows(self) -> Rows:
         tests = self["tests"]
         table = {shown: [test[key] for test in tests] for key, shown in _PARTS.items()}
-        return dataframe(table, index=[test["name"] for test in tests])
+        return Rows("test", table, [test["name"] for test in tests], dict.fromkeys(table, "mm"))
 
     def __repr__(self) -> str:
         return self.report()
 
     def report(self) -> str:
         """The table to read."""
-        rows = [(test["name"], test) for test in self["tests"]]
-        if len(rows) > 1:
-            rows.append(("mean over tests", self))
         lines = ["mm".ljust(28) + "".join(f"{shown:>10}" for shown in _PARTS.values())]
-        for name, row in rows:
+        for name, row in self.each():
             cells = "".join(_cell(row.get(key), ".4f") for key in _PARTS)
             lines.append(name[:27].ljust(28) + cells)
         return "\n".join([*lines, f"weight of dz in e_w: {self['weight']:.4f}"])
 
+    def each(self) -> list[tuple[str, dict[str, Any]]]:
+        """Deviations and objectives (mm) of the tests by name, and of several their mean."""
+        rows = [(test["name"], test) for test in self["tests"]]
+        return [*rows, ("mean over tests", self)] if len(rows) > 1 else rows
 
-class CrossValidation(Drawn, dict[str, Any]):
-    """Folds of a cross-validation, as JSON types; see `bulgefit.crossval`."""
+
+class CrossValidation(Drawn, Tabled, dict[str, Any]):
+    """Folds of a cross-validation, as JSON types; see `bulgefit.crossval`.
+
+    As a table: a row a fold, named by the test left out, with its parameters (MPa, and as `effects`
+    has them), `training` (the fit's objective) and the objectives of the test left out (mm).
+    """
 
     def to_dict(self) -> dict[str, Any]:
         """The same without its tables."""
         return dict(self)
 
-    def to_dataframe(self) -> Any:
-        """A row a fold, named by the test left out; needs `bulgefit[pandas]`.
-
-        Columns are the parameters (MPa, and as `effects` has them), `training` (the fit's
-        objective) and the objectives of the test left out (mm).
-        """
-        return dataframe(self._columns(), index=[fold["left_out"] for fold in self["folds"]])
+    def _rows(self) -> Rows:
+        folds = self["folds"]
+        units = {
+            **{name: unit_of(name) for name in folds[0]["parameters"]},
+            "training": "1" if self["objective"] == LIKELIHOOD else "mm",
+            **dict.fromkeys(OBJECTIVES, "mm"),
+        }
+        return Rows("left_out", self._columns(), [fold["left_out"] for fold in folds], units)
 
     def __repr__(self) -> str:
         return self.report()

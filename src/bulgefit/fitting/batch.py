@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from bulgefit.dic.frames import dataframe
+from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.errors import InputError, needed
 from bulgefit.fitting.result import FitResult
 from bulgefit.shown import Drawn
@@ -89,8 +89,11 @@ def spread_of(values: Sequence[float], errors: Sequence[float], unit: str) -> Sp
 
 
 @dataclass(frozen=True, eq=False)
-class Batch(Drawn):
+class Batch(Drawn, Tabled):
     """Specimens that were fitted one by one.
+
+    As a table: a row a specimen, each parameter with its standard error (`E1_stderr`); NaN where a
+    specimen does not tell it.
 
     Attributes
     ----------
@@ -136,17 +139,15 @@ class Batch(Drawn):
             rows.append([of, *(cell for pair in cells for cell in pair)])
         return rows
 
-    def to_dataframe(self) -> Any:
-        """A row a specimen: each parameter with its standard error; needs `bulgefit[pandas]`.
-
-        What a specimen does not tell is NaN.
-        """
-        table = {}
-        for name in self.spreads:
+    def _rows(self) -> Rows:
+        table: dict[str, tuple[float, ...]] = {}
+        units: dict[str, str] = {}
+        for name, spread in self.spreads.items():
             found = [_found(fit, name) or (np.nan, np.nan) for fit in self.fits]
-            table[name] = [value for value, _ in found]
-            table[f"{name}_stderr"] = [error for _, error in found]
-        return dataframe(table, index=self.names)
+            columns = (name, f"{name}_stderr")
+            table |= dict(zip(columns, zip(*found, strict=True), strict=True))
+            units |= dict.fromkeys(columns, spread.unit)
+        return Rows("specimen", table, self.names, units)
 
     def __repr__(self) -> str:
         return self.report()

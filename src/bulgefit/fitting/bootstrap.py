@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.frames import dataframe
+from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import BulgefitError, InputError
@@ -36,8 +36,10 @@ _DRAWS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Bootstrap(Drawn):
+class Bootstrap(Drawn, Tabled):
     """Parameters of the refits.
+
+    As a table: a row a refit, with its free parameters.
 
     Attributes
     ----------
@@ -86,9 +88,9 @@ class Bootstrap(Drawn):
             },
         }
 
-    def to_dataframe(self) -> Any:
-        """A row a refit: its free parameters; needs `bulgefit[pandas]`."""
-        return dataframe({p.name: self.values[:, i] for i, p in enumerate(self.free)})
+    def _rows(self) -> Rows:
+        table = {p.name: self.values[:, i] for i, p in enumerate(self.free)}
+        return Rows("refit", table, units={p.name: p.unit for p in self.free})
 
     def __repr__(self) -> str:
         return self.report()

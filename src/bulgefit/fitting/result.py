@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.frames import dataframe
+from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.minimise import Descent
@@ -55,8 +55,10 @@ class Stability:
 
 
 @dataclass(frozen=True, eq=False)
-class FitResult(Drawn):
+class FitResult(Drawn, Tabled):
     """The best of several descents, and all of them.
+
+    As a table: a row a parameter, with value, unit, standard error, 95 % interval and bounds.
 
     Attributes
     ----------
@@ -171,12 +173,11 @@ class FitResult(Drawn):
             "versions": versions(),
         }
 
-    def to_dataframe(self) -> Any:
-        """A row a parameter: value, unit, error, interval and bounds; needs `bulgefit[pandas]`."""
+    def _rows(self) -> Rows:
         rows = self.to_dict()["parameters"]
         columns = ("value", "unit", "free", "stderr", "interval95", "lower", "upper", "at_bound")
         table = {name: [row.get(name) for row in rows.values()] for name in columns}
-        return dataframe(table, index=list(rows))
+        return Rows("parameter", table, list(rows))
 
     @property
     def _unit(self) -> str:

@@ -160,6 +160,8 @@ class Diagnosis(Drawn):
                     "measurement": a.measurement,
                     "separation": a.separation,
                     "between": list(a.between),
+                    "specimen": a.specimen,
+                    "why": a.why,
                 }
                 for a in self.advice
             ],

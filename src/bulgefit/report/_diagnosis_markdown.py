@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bulgefit.report.page.blocks import Block, Page
+from bulgefit.report.page.blocks import Block, Page, unfolded
 
 __all__ = ["as_markdown"]
 
@@ -30,7 +30,7 @@ def as_markdown(page: Page, pictures: Sequence[tuple[str, str]]) -> str:
 
 def _with_words(blocks: Sequence[Block]) -> list[Block]:
     """Blocks without pictures, and without headings that only pictures follow."""
-    kept = [b for b in blocks if b.kind in ("heading", "text", "list", "table")]
+    kept = [b for b in unfolded(blocks) if b.kind in ("heading", "text", "list", "table", "fold")]
     after = [*kept[1:], Block("heading")]
     return [b for b, n in zip(kept, after, strict=True) if (b.kind, n.kind) != ("heading",) * 2]
 
@@ -40,6 +40,8 @@ def _text(block: Block) -> str:
         return f"## {block.lines[0]}"
     if block.kind == "text":
         return block.lines[0]
+    if block.kind == "fold":
+        return f"**{block.lines[0]}**: {block.lines[1]}."
     if block.kind == "list":
         return "\n".join(f"- {line}" for line in block.lines)
     head, *rows = block.rows

@@ -29,19 +29,8 @@ def plot_folds(
     ----------
     folds : mapping
         What `bulgefit.crossval` gives.
-    path : path, optional
-        A .png, .pdf or .svg; by default nothing is written.
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    path, force
+        As of `bulgefit.plot`, as are what is returned and raised.
     """
     if "folds" not in needed(folds, Mapping, _FOLDS):
         raise InputError(f"{_FOLDS} is needed: this mapping has no folds")

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTest, given_test
 from bulgefit.dic.surface.measured import Measured
 from bulgefit.errors import InputError
-from bulgefit.fitting.answers import CrossValidation
+from bulgefit.fitting.answers import CrossValidation, Evaluation
 from bulgefit.fitting.batch import Batch, batch_of
 from bulgefit.fitting.bootstrap import Bootstrap
 from bulgefit.fitting.result import FitResult
@@ -22,6 +23,7 @@ from bulgefit.report._diagnosis_maps import plot_modes, plot_where
 from bulgefit.report._diagnosis_parts import COMPONENTS
 from bulgefit.report.folds import plot_folds
 from bulgefit.report.measured import plot_apex, plot_measured, plot_rings
+from bulgefit.report.objectives import plot_objectives
 from bulgefit.report.profiles import plot_profiles
 from bulgefit.report.record import record_of
 from bulgefit.report.refits import plot_refits
@@ -53,11 +55,13 @@ def plot(result: Any, kind: str | None = None, **how: Any) -> Any:
     ===================  ==========================================================================
     of                   kinds, the first by default
     ===================  ==========================================================================
+    `read_test`          `profiles` as measured
     `fit`                `parameters` with their 95 % intervals; `profiles` and `residuals` of
                          `test=`, a test or its path, the fit's `index=` (0)
     `batch_of`           `parameters` of all specimens
     `bootstrap`          `parameters` of all refits
     `crossval`           `folds`
+    `evaluate`           `objectives` and mean deviations, test by test
     `simulate`           `shapes`
     `predict`            `profiles`, `residuals`
     `measure`            `apex`, `rings`, beside a `model=` too; `fields` of `frame=` (the last)
@@ -72,8 +76,8 @@ def plot(result: Any, kind: str | None = None, **how: Any) -> Any:
         What one of these gave.
     kind : str, optional
     **how
-        `path` writes the figure (.png, .pdf or .svg), `force=True` replaces a file that exists;
-        others as above.
+        `path` to write the figure to, a .png, .pdf or .svg (by default nothing is written),
+        `force=True` to replace a file that exists; others as above.
 
     Returns
     -------
@@ -105,8 +109,9 @@ def _kinds_of(result: Any) -> _Kinds:
         if isinstance(result, of):
             return kinds(result)
     raise InputError(
-        f"plot: {type(result).__name__} is no result that has figures; give that of fit, batch_of, "
-        "bootstrap, crossval, predict, simulate, measure, diagnose or run_trial"
+        f"plot: {type(result).__name__} is no result that has figures; give that of "
+        "read_test, fit, batch_of, bootstrap, crossval, evaluate, predict, simulate, measure, "
+        "diagnose or run_trial"
     )
 
 
@@ -165,6 +170,8 @@ _RESULTS: dict[type, Callable[[Any], _Kinds]] = {
     Batch: lambda result: {"parameters": _Kind(partial(plot_spreads, result))},
     Bootstrap: lambda result: {"parameters": _Kind(partial(plot_refits, result))},
     Simulation: lambda result: {"shapes": _Kind(partial(plot_shapes, result))},
+    BulgeTest: lambda result: {"profiles": _Kind(partial(plot_profiles, result))},
+    Evaluation: lambda result: {"objectives": _Kind(partial(plot_objectives, result))},
     CrossValidation: lambda result: {"folds": _Kind(partial(plot_folds, result))},
     Predicted: _of_prediction,
     Measured: _of_measured,

@@ -25,13 +25,13 @@ _NAMES = ("dx", "dy", "dz")
 
 def plot_profiles(
     test: BulgeTest,
-    prediction: tuple[NDArray[np.floating], ...],
+    prediction: tuple[NDArray[np.floating], ...] | None = None,
     path: str | os.PathLike[str] | None = None,
     *,
     label: str = "model",
     force: bool = False,
 ) -> Any:
-    """Draw measured against modelled profiles for up to five pressures.
+    """Draw measured profiles for up to five pressures, against modelled ones where there are any.
 
     The upper row is the line y = 0 with dz and dx, the lower one x = 0 with dz and dy. Points
     count as on the line within half the point spacing (the median distance between neighbours);
@@ -41,7 +41,7 @@ def plot_profiles(
     Parameters
     ----------
     test : BulgeTest
-    prediction : tuple of (k, n, 3) arrays, mm
+    prediction : tuple of (k, n, 3) arrays, mm, optional
         Modelled displacements, one array for every block of the test.
     path : path, optional
         A .png, .pdf or .svg; by default nothing is written.
@@ -60,7 +60,8 @@ def plot_profiles(
         The prediction does not match the test, or the file cannot be written.
     """
     needed(test, BulgeTest, "a bulge test")
-    _figure.check_prediction(test, prediction)
+    if prediction is not None:
+        _figure.check_prediction(test, prediction)
     figure, panels = _figure.panels(path, force, (13.0, 8.0), 2, 2)
     reaches = []
     for row, (along, across) in enumerate(((0, 1), (1, 0))):
@@ -69,23 +70,24 @@ def plot_profiles(
         for panel, component in zip(panels[row], (2, along), strict=True):
             _draw(panel, curves, component, along, "yx"[row], test.pressure)
     figure.suptitle(
-        f"{test.name}: measured (markers) and {label} (lines)\n"
+        f"{test.name}: measured{'' if prediction is None else f' (markers) and {label} (lines)'}\n"
         f"points within {_span(reaches)} of the line",
         fontsize=_figure.FONT + 2,
     )
     return _figure.finished(figure, path, force)
 
 
-Curve = tuple[int, NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]
+Curve = tuple[int, NDArray[np.floating], NDArray[np.floating], NDArray[np.floating] | None]
 
 
 def _curves(
-    test: BulgeTest, prediction: tuple[NDArray[np.floating], ...], along: int, across: int
+    test: BulgeTest, prediction: tuple[NDArray[np.floating], ...] | None, along: int, across: int
 ) -> tuple[list[Curve], float]:
     """Frame, position, measured and modelled displacement on one line; how near its points are."""
+    modelled = (None,) * len(test.blocks) if prediction is None else prediction
     found: dict[int, Curve] = {}
     reach = 0.0
-    for block, modelled in zip(test.blocks, prediction, strict=True):
+    for block, model in zip(test.blocks, modelled, strict=True):
         near = 0.5 * _figure.point_spacing(block.reference)
         on = np.flatnonzero(np.abs(block.reference[:, across]) <= near)
         on = on[np.argsort(block.reference[on, along], kind="stable")]
@@ -96,7 +98,8 @@ def _curves(
             moved = block.displacement[row, on]
             if np.isfinite(moved).any():
                 found[int(frame)] = (
-                    int(frame), block.reference[on, along], moved, modelled[row, on]
+                    int(frame), block.reference[on, along], moved,
+                    None if model is None else model[row, on],
                 )  # fmt: skip
     frames = np.array(sorted(found), dtype=np.intp)
     return [found[i] for i in _figure.spread(frames, test.pressure, PRESSURES)], reach
@@ -122,13 +125,16 @@ def _draw(
     for (frame, position, measured, modelled), (colour, marker) in reversed(
         list(zip(curves, MARKERS, strict=False))
     ):
-        seen, line = measured[:, component], modelled[:, component]
-        both = np.isfinite(seen) & np.isfinite(line)
+        seen = measured[:, component]
+        line = None if modelled is None else modelled[:, component]
+        both = np.isfinite(seen) if line is None else np.isfinite(seen) & np.isfinite(line)
         if not both.any():
             continue
-        error = float(np.mean((line[both] - seen[both]) ** 2))
+        told = f"{10 * pressure[frame]:.3g} bar"
+        if line is not None:
+            told += f", MSE {float(np.mean((line[both] - seen[both]) ** 2)):.3g} mm²"
+            panel.plot(position[both], line[both], color=colour, linewidth=1.3, zorder=3)
         every = max(1, int(both.sum()) // 60)
-        panel.plot(position[both], line[both], color=colour, linewidth=1.3, zorder=3)
         panel.plot(
             position[both][::every],
             seen[both][::every],
@@ -137,7 +143,7 @@ def _draw(
             markersize=4,
             markerfacecolor="none",
             linestyle="none",
-            label=f"{10 * pressure[frame]:.3g} bar, MSE {error:.3g} mm²",
+            label=told,
         )
         drawn = True
     if drawn:

@@ -20,19 +20,8 @@ def plot_refits(
     Parameters
     ----------
     refits : Bootstrap
-    path : path, optional
-        A .png, .pdf or .svg; by default nothing is written.
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    path, force
+        As of `bulgefit.plot`, as are what is returned and raised.
     """
     count = len(refits.free)
     figure, (panels,) = _figure.panels(path, force, (1.0 + 3.5 * count, 3.2), 1, count)

@@ -22,19 +22,8 @@ def plot_shapes(
     Parameters
     ----------
     simulation : Simulation
-    path : path, optional
-        A .png, .pdf or .svg; by default nothing is written.
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    path, force
+        As of `bulgefit.plot`, as are what is returned and raised.
     """
     figure, ((left, right),) = _figure.panels(path, force, (9.5, 4.0), 1, 2)
     order = np.argsort(simulation.pressure, kind="stable")

@@ -31,19 +31,8 @@ def plot_spreads(
     Parameters
     ----------
     batch : Batch
-    path : path, optional
-        A .png, .pdf or .svg; by default nothing is written.
-    force : bool
-        Whether a file that exists may be replaced.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
+    path, force
+        As of `bulgefit.plot`, as are what is returned and raised.
     """
     needed(batch, Batch, "what bulgefit.batch_of gives")
     count = len(batch.spreads)

@@ -24,20 +24,13 @@ def plot_shares(
     ----------
     result : mapping
         What `bulgefit.run_trial` gives.
-    path : path, optional
-        A .png, .pdf or .svg; by default nothing is written.
-    force : bool
-        Whether a file that exists may be replaced.
+    path, force
+        As of `bulgefit.plot`, as is what is raised.
 
     Returns
     -------
     matplotlib.figure.Figure or None
         None where nothing was to be found.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
     """
     told = shares_in_words(result["scores"])
     if not told:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.further import Further
-from bulgefit.effects.parameter import Key
+from bulgefit.effects.parameter import Key, Owned
 from bulgefit.errors import BulgefitError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
@@ -25,6 +25,23 @@ __all__ = ["Advice", "advise"]
 
 Floats = NDArray[np.float64]
 
+_ALONE = "this test alone"
+_LOW = "low-pressure frames (0.005 to 0.05 bar)"
+_RIM = "rim points (0.95 to 0.99 of the radius)"
+_TURNED = "specimen rotated by 90° in the clamp"
+
+#: What each shows that the test by itself does not.
+_WHY = {
+    _ALONE: "",
+    _LOW: "what is there before any load weighs most while the cloth hardly stretches",
+    _RIM: "what the clamp does is largest beside it",
+    _TURNED: "what the cloth has turns with it, and what clamp and cameras have stays",
+    Further.AT_REST: "they show where the cameras stood before any load",
+    Further.SHAPE: "it shows the shape before inflation by itself",
+    Further.HOLD: "there time alone acts",
+    Further.UNLOADING: "there the pressure is met again at another time",
+}
+
 
 @dataclass(frozen=True)
 class Advice:
@@ -34,44 +51,50 @@ class Advice:
     ----------
     measurement : str
     separation : float
-        Predicted distance, in standard errors, between the two leading explanations once the
-        measurement is added; now it is that of the first entry, "this test alone".
+        By how many standard errors the second effect, at a tenth of its plausible range, would
+        show beyond all that the first one and the moduli can imitate, once the measurement is
+        added to the test; now it is that of the first entry, "this test alone".
     between : (str, str)
         Those two effects.
+    specimen : int
+        Of the tests, the one that is meant.
+    why : str
+        What the measurement shows that the test does not.
     """
 
     measurement: str
     separation: float
     between: tuple[str, str]
+    specimen: int
+    why: str
 
 
 def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     """Measurements ranked by the separation that the sensitivities predict.
 
     The leading ambiguity is the first effect that has a rival against that; without one, the least
-    sure effect against the most probable one that is not in the model.
+    sure effect against the most probable one that is not in the model. Of several tests it is that
+    of the one whose effect it is, and of the first where all share it.
     """
-    pair = _leading(found)
-    if pair is None:
+    leading = _leading(found)
+    if leading is None:
         return []
-    first, second = pair
-    d = data[0]
+    first, second = (group.effect for group in leading)
+    index = next((group.specimen for group in leading if group.specimen is not None), 0)
+    d = data[index]
     keys = [*MODULI, *_first_group(first), *_first_group(second)]
     rival = len(_first_group(second))
     size = np.array([_plausible(key) for key in keys[len(keys) - rival :]])
-    here = found.final.predictions[0].shapes
-    base = _normal(d, d.specimen, found, keys, near=here)
+    here = found.final.predictions[index].shapes
+    values = specimen_values(found.final.values, index)
+    base = _normal(d, d.specimen, values, keys, near=here)
     options: dict[str, Callable[[], Floats]] = {
-        "this test alone": lambda: base,
-        "low-pressure frames (0.005 to 0.05 bar)": lambda: (
-            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), found, keys)
+        _ALONE: lambda: base,
+        _LOW: lambda: (
+            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), values, keys)
         ),
-        "rim points (0.95 to 0.99 of the radius)": lambda: (
-            base + _normal(d, _with_rim_points(d), found, keys, near=here)
-        ),
-        "specimen rotated by 90° in the clamp": lambda: (
-            base + _normal(d, d.specimen, found, keys, turned=True)
-        ),
+        _RIM: lambda: base + _normal(d, _with_rim_points(d), values, keys, near=here),
+        _TURNED: lambda: base + _normal(d, d.specimen, _turned(values), keys),
         Further.AT_REST: lambda: base + _told(keys, Further.AT_REST),
         Further.SHAPE: lambda: base + _told(keys, Further.SHAPE),
         Further.HOLD: lambda: base + _told(keys, Further.HOLD),
@@ -81,22 +104,23 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     ranked = []
     for name, normal in options.items():
         with suppress(BulgefitError):  # where nothing balances, there is nothing to measure
-            ranked.append(Advice(str(name), _separation(normal(), size, d.inflation), pair))
+            told = _separation(normal(), size, d.inflation)
+            ranked.append(Advice(str(name), told, (first, second), index, _WHY[name]))
     return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
 
 
-def _leading(found: Explanation) -> tuple[str, str] | None:
+def _leading(found: Explanation) -> tuple[Owned, Owned] | None:
     """What is least sure of the model, and what may be in its place, or beside it."""
     causes = {g: e for g, e in found.evidence.items() if not is_field(g)}
     for group, evidence in causes.items():
         if evidence.rivals and not is_field(evidence.rivals[0]):
-            return group.effect, evidence.rivals[0].effect
-    others = {g.effect: p for g, p in found.others.items() if not is_field(g)}
+            return group, evidence.rivals[0]
+    others = {g: p for g, p in found.others.items() if not is_field(g)}
     if not causes or not others:
         return None
     doubted = min(causes, key=lambda g: causes[g].probability)
-    rest = {e: p for e, p in others.items() if e != doubted.effect}
-    return (doubted.effect, max(rest, key=lambda e: rest[e])) if rest else None
+    rest = {g: p for g, p in others.items() if g.effect != doubted.effect}
+    return (doubted, max(rest, key=lambda g: rest[g])) if rest else None
 
 
 def _first_group(effect: str) -> tuple[Key, ...]:
@@ -112,22 +136,23 @@ def _plausible(key: Key) -> float:
 def _normal(
     d: Data,
     specimen: Specimen,
-    found: Explanation,
+    values: Mapping[str, float],
     keys: Sequence[Key],
     *,
     near: Shapes | None = None,
-    turned: bool = False,
 ) -> Floats:
     """Normal matrix of a (further) measurement with the final model's parameters."""
-    values = specimen_values(found.final.values, 0)
-    if turned:
-        angle = next(Key(e.id, e.turn).name for e in CATALOGUE.values() if e.turn)
-        values = {**values, angle: values.get(angle, 0.0) + 90.0}
     rows = specimen.predict(values, [key.name for key in keys], near).derivative / d.sigma
     if specimen is d.specimen:
         rows = np.where(d.used, rows, 0.0)
     flat = rows.reshape(len(keys), -1)
     return flat @ flat.T
+
+
+def _turned(values: Mapping[str, float]) -> dict[str, float]:
+    """The same of the specimen rotated by 90°."""
+    angle = next(Key(e.id, e.turn).name for e in CATALOGUE.values() if e.turn)
+    return {**values, angle: values.get(angle, 0.0) + 90.0}
 
 
 def _with_pressures(d: Data, pressure: Floats) -> Specimen:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Answer", "Block", "Page", "Value"]
+__all__ = ["Answer", "Block", "Page", "Value", "unfolded"]
 
 
 @dataclass(frozen=True)
@@ -15,21 +15,31 @@ class Block:
 
     Attributes
     ----------
-    kind : {"heading", "part", "text", "list", "table", "fields", or a picture's}
+    kind : {"heading", "text", "list", "table", "fold", "fields", or a picture's}
         Pictures are "bars", "spans", "discs", "curves" and "law".
     lines : tuple of str
-        The text with **bold** parts, the items, or the caption of a picture; "fields" is where
-        the maps stand.
+        The text with **bold** parts, the items, the caption of a picture, or of a fold its name
+        and what it holds in a few words; "fields" is where the maps stand.
     rows : tuple of tuples of str
         Of a table, its header first.
     picture : mapping
         Of a picture, what its template draws.
+    inside : tuple of Block
+        Of a fold, which its reader opens; paper has all of it.
     """
 
     kind: str
     lines: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     picture: Mapping[str, Any] = field(default_factory=dict)
+    inside: tuple[Block, ...] = ()
+
+
+def unfolded(blocks: Iterable[Block]) -> Iterator[Block]:
+    """Blocks in their order, each fold before what is inside it."""
+    for block in blocks:
+        yield block
+        yield from unfolded(block.inside)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bulgefit.gap.causes import Verdict
@@ -38,7 +38,7 @@ def page_of_diagnosis(record: Record) -> Page:
         *_budget(record),
         Block("fields"),
         Block("heading", ("Where the gap lies",)),
-        *(block for i in range(len(names)) for block in _where(record, i)),
+        *_where(record),
         Block("heading", ("What stays unexplained",)),
         *told["left"],
         Block("heading", ("What to do next",)),
@@ -132,7 +132,7 @@ def _budget(record: Record) -> list[Block]:
     """What each effect takes off, by its form: several forms of an effect are several models."""
     labels = budget_labels(record)
     kinds = (("heldout_mm", "on data that was not fitted"), ("fitted_mm", "on the fitted data"))
-    return [
+    held_out, fitted = (
         Block(
             "bars",
             (f"**The budget {what}**: e_w in mm from the moduli alone, over each effect by its "
@@ -140,21 +140,36 @@ def _budget(record: Record) -> list[Block]:
             picture=charts.budget_bars(record, kind, labels),
         )
         for kind, what in kinds
-    ]  # fmt: skip
+    )  # fmt: skip
+    gap = record["gap"]
+    told = f"e_w from {gap['baseline']['e_w']:.3g} to {gap['explained']['e_w']:.3g} mm"
+    return [held_out, Block("fold", ("the same on the fitted data", told), inside=(fitted,))]
 
 
-def _where(record: Record, index: int) -> list[Block]:
-    """Discs and modes of one test, before and after."""
-    told = record["report"]
+def _where(record: Record) -> list[Block]:
+    """Discs and modes; of several tests each in a fold of its own, which says how much it holds."""
     kinds = {"baseline": "moduli alone"}
     if record["tried"]:
         kinds["final"] = "with causes"
-    name = names_of(record)[index]
-    several = len(names_of(record)) > 1
-    blocks = [Block("part", (name,))] if several else []
+    names = names_of(record)
+    if len(names) == 1:
+        return _where_of(record, 0, kinds)
+    folds = []
+    for index, name in enumerate(names):
+        cells = {label: record["report"]["cells"][kind][index] for kind, label in kinds.items()}
+        counts = [f"{label} {sum(map(_is_strong, each))}" for label, each in cells.items()]
+        told = f"of {len(cells['moduli alone'])} means beyond {SIGNIFICANT:g} standard errors: "
+        inside = tuple(_where_of(record, index, kinds))
+        folds.append(Block("fold", (name, told + ", ".join(counts)), inside=inside))
+    return folds
+
+
+def _where_of(record: Record, index: int, kinds: Mapping[str, str]) -> list[Block]:
+    """Discs and modes of one test, before and after."""
+    told = record["report"]
     # a circle where an earlier version wrote
     rim = told["tests"][index].get("semi_axes_mm", (1.0, 1.0))
-    blocks += [_discs(told["cells"][kind][index], label, rim) for kind, label in kinds.items()]
+    blocks = [_discs(told["cells"][kind][index], label, rim) for kind, label in kinds.items()]
     for kind, label in kinds.items():
         caption = (
             f"**Azimuthal modes, {label}**: amplitude in mm of cos/sin(m·angle) of what is left, "
@@ -167,9 +182,13 @@ def _where(record: Record, index: int) -> list[Block]:
     return blocks
 
 
+def _is_strong(cell: Mapping[str, Any]) -> bool:
+    return bool(abs(cell["significance"]) > SIGNIFICANT)
+
+
 def _discs(cells: list[dict[str, Any]], label: str, semi_axes: Sequence[float]) -> Block:
     """Where what is left lies, or that no region has anything."""
-    if all(abs(c["significance"]) <= SIGNIFICANT for c in cells):
+    if not any(map(_is_strong, cells)):
         return Block(
             "text",
             (f"**{label.capitalize()}**: none of {len(cells)} means (component, region, band of "

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from bulgefit.report.page.blocks import Page
+from bulgefit.report.page.blocks import Page, unfolded
 from bulgefit.report.page.charts import disc_wedges
 
 __all__ = ["rendered"]
@@ -28,6 +28,7 @@ def rendered(page: Page, fields: Mapping[str, Any], origin: Sequence[tuple[str, 
     origin : sequence of (str, str)
         How it was made.
     """
+    kinds = {block.kind for block in unfolded(page.blocks)}
     at = next(i for i, block in enumerate(page.blocks) if block.kind == "fields")
     return str(
         _template().render(
@@ -36,9 +37,10 @@ def rendered(page: Page, fields: Mapping[str, Any], origin: Sequence[tuple[str, 
             after=page.blocks[at + 1 :],
             fields=fields,
             origin=origin,
-            wedges=disc_wedges() if any(b.kind == "discs" for b in page.blocks) else [],
+            wedges=disc_wedges() if "discs" in kinds else [],
             style=_own("style.css"),
             script=_own("fields.js"),
+            folds=_own("folds.js") if "fold" in kinds else "",
         )
     )
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 from bulgefit.effects.parameter import Owned
+from bulgefit.report.numbers import listed
 from bulgefit.report.page.blocks import Block
 from bulgefit.report.record import Record
 from bulgefit.report.words.causes import evidence_words, parameter_rows
@@ -11,6 +15,8 @@ from bulgefit.report.words.left import remainder_items
 from bulgefit.report.words.names import (
     SMALL,
     chance_text,
+    named_set,
+    names_of,
     of_whom,
     owned,
     owned_together,
@@ -45,6 +51,22 @@ def _cause_blocks(record: Record) -> list[Block]:
         return (
             [Block("text", ("No effect that has a name is sure.",))] if is_unnamed(record) else []
         )
+    names = names_of(record)
+    if len(names) == 1:
+        return _told_causes(record, causes)
+    folds = []
+    for owner in (None, *range(len(names))):
+        ours = [cause for cause in causes if cause["specimen"] == owner]
+        if ours:
+            told = [f"{named_set(c)} ({chance_text(c['probability'])})" for c in ours]
+            name = "all specimens" if owner is None else names[owner]
+            inside = tuple(_told_causes(record, ours))
+            folds.append(Block("fold", (name, ", ".join(told)), inside=inside))
+    return [Block("text", ("In brackets the probability of each.",)), *folds]
+
+
+def _told_causes(record: Record, causes: Sequence[Mapping[str, Any]]) -> list[Block]:
+    """Values and words of causes."""
     rows = [("cause", "parameter", "value ± standard error")]
     for cause in causes:
         label = with_rivals(record, cause)
@@ -73,7 +95,7 @@ def _gap_blocks(record: Record) -> list[Block]:
 
 
 def _tried_blocks(record: Record) -> list[Block]:
-    """Candidates that are not in the model, and those that could not be tried."""
+    """Candidates that are not in the model, and those that could not be tried, in a fold."""
     others = sorted(record["others"].items(), key=lambda pair: -pair[1])
     rows = [
         (owned(record, group), chance_text(p), "weighed and dropped")
@@ -88,7 +110,22 @@ def _tried_blocks(record: Record) -> list[Block]:
     rows += [(effect, "", f"not tried: {why}") for effect, why in record["skipped"].items()]
     if not rows:
         return [Block("text", ("Every effect that was tried is in the model.",))]
-    return [Block("table", rows=(("effect", "probability", "what became of it"), *rows))]
+    inside = Block("table", rows=(("effect", "probability", "what became of it"), *rows))
+    return [Block("fold", ("all of them", _tried_words(record)), inside=(inside,))]
+
+
+def _tried_words(record: Record) -> str:
+    """How many there are, and the one that came nearest."""
+    others, told = record["others"], []
+    if others:
+        nearest = max(others, key=lambda group: others[group])
+        told.append(
+            f"{len(others)} weighed and dropped, nearest to a place {owned(record, nearest)} "
+            f"(probability {chance_text(others[nearest])})"
+        )
+    if record["skipped"]:
+        told.append(f"not tried: {listed(list(record['skipped']))}")
+    return "; ".join(told) or "weighed and dropped"
 
 
 def _taken(record: Record) -> list[str]:

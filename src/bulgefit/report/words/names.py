@@ -14,6 +14,7 @@ __all__ = [
     "budget_labels",
     "called_together",
     "chance_text",
+    "named_set",
     "names_of",
     "of_whom",
     "owned",
@@ -62,9 +63,14 @@ def of_whom(record: Record, cause: Mapping[str, Any]) -> str:
     return "" if owner is None else f" of {names_of(record)[owner]}"
 
 
-def with_rivals(record: Record, cause: Mapping[str, Any]) -> str:
+def named_set(cause: Mapping[str, Any]) -> str:
     """A cause and what this data cannot tell from it."""
-    return " or ".join((cause["effect"], *cause["alternatives"])) + of_whom(record, cause)
+    return " or ".join((cause["effect"], *cause["alternatives"]))
+
+
+def with_rivals(record: Record, cause: Mapping[str, Any]) -> str:
+    """The same, and of which test."""
+    return named_set(cause) + of_whom(record, cause)
 
 
 def called_together(record: Record, causes: Sequence[Mapping[str, Any]]) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from bulgefit.dic.noise import Source
 from bulgefit.effects.registry import catalogue
-from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
+from bulgefit.report.words.names import names_of
 
 __all__ = ["action_items", "advice_items"]
 
@@ -35,19 +35,30 @@ def advice_items(record: Record) -> list[str]:
     if not record["advice"]:
         return ["No two explanations compete; no further measurement is needed to split them."]
     now, *others = record["advice"]
-    pair = listed(now["between"])
+    first, second = now["between"]
+    # an earlier version judged the first test, and said nothing of it
+    test = names_of(record)[now.get("specimen", 0)]
     useful = [a for a in others if a["separation"] > 1.05 * now["separation"]]
     rivals = any(c["alternatives"] for c in record["causes"])
+    meant = (
+        f"standard errors by which {second}, at a tenth of its plausible range, would show beyond "
+        f"what {first} and the moduli can imitate"
+    )
     if not rivals and now["separation"] >= _APART:
         return [
-            f"The two leading explanations, {pair}, lie "
-            f"{now['separation']:.0f} standard errors apart with this data: no further measurement "
-            "is needed to split them."
+            f"The least sure of what was found is {first}, the most probable of what was left out "
+            f"{second}. {test} alone tells them apart, by {now['separation']:.0f} {meant}: no "
+            "further measurement is needed for that."
         ]
     if not useful:
-        return [f"No further measurement that was tried would split {pair}."]
-    options = [f"{a['measurement']} ({a['separation']:.0f})" for a in useful[:3]]
+        return [
+            f"No further measurement that was tried would tell {first} from {second} better than "
+            f"{test} does."
+        ]
+    options = "; ".join(f"{a['measurement']} ({a['separation']:.0f})" for a in useful[:3])
+    why = useful[0].get("why")
     return [
-        f"To split {pair}, best first: {'; '.join(options)}. In brackets the "
-        f"standard errors that would lie between them; now it is {now['separation']:.0f}."
+        f"To tell {first} from {second}, measure beside {test}, best first: {options}"
+        + (f". The first because {why}." if why else ".")
+        + f" In brackets: {meant}; {test} alone has {now['separation']:.0f}."
     ]
