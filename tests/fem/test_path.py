@@ -172,6 +172,52 @@ def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
     assert caught.value.reached == pytest.approx(max(pressures), rel=1e-4)
 
 
+def test_what_leads_away_from_a_volume_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a tangent far from any shape a factor may fill up without end."""
+    membrane = Membrane(disc(100.0, 3), 0.81)
+    stiffness = np.array([350.0, 160.0, 40.0, 2.0])
+    shape, farthest = trace(membrane, stiffness, (1e-3, 0.05)).displacement[-1], [0.0]
+    state = membrane.state
+
+    def watched(displacement: np.ndarray, *args: Any, **more: Any) -> Any:
+        farthest.append(float(np.abs(displacement).max()))
+        return state(displacement, *args, **more)
+
+    monkeypatch.setattr(membrane, "state", watched)
+    with pytest.raises(NewtonError, match="no convergence at a given volume"):
+        at_volume(membrane, stiffness, shape, 0.05, 20.0 * volume_of(membrane, shape))
+    assert max(farthest) < 3.0 * membrane.radius
+
+
+@pytest.mark.parametrize(
+    ("shear", "cause"), [(10.0, Cause.LOSS_OF_ELLIPTICITY), (40.0, Cause.NOT_CONVERGED)]
+)
+def test_where_no_step_leads_on_the_law_may_tell_why(
+    shear: float, cause: Cause, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mesh may hold bands of shear back, up to a tangent that is singular: here, at 2.8 bar."""
+    membrane, stiffness = Membrane(disc(100.0, 4), 0.81), np.array([350.0, 160.0, 40.0, shear])
+    path = trace(membrane, stiffness, (1e-4, 0.29))
+    assert path.stable.all()
+    elliptic = membrane.acoustic_margin(path(0.28)[0], stiffness) >= 0.0
+    assert elliptic == (cause is not Cause.LOSS_OF_ELLIPTICITY)
+
+    def singular(membrane: Membrane, guess: np.ndarray, pressure: float, *args: Any, **more: Any):
+        if pressure > 0.28:
+            raise NewtonError("the tangent is nearly singular", 1, 1.0, 1)
+        return solve(membrane, guess, pressure, *args, **more)
+
+    def nowhere(*args: Any) -> Point:
+        raise NewtonError("no convergence at a given volume", 1, 1.0, 1)
+
+    monkeypatch.setattr("bulgefit.fem.trace.solve", singular)
+    monkeypatch.setattr("bulgefit.fem.trace.at_volume", nowhere)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness, (1e-4, 0.29))
+    assert caught.value.cause is cause
+    assert 0.27 < caught.value.reached <= 0.28
+
+
 def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where bands are near, a volume may be found on another branch, under less pressure.
 

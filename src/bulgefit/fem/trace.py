@@ -512,7 +512,7 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
     last = tracer.levels[-1]
     volume = volume_of(tracer.membrane, last.displacement)
     points = [Point(last.displacement, last.s**3, volume, last.stable, True, 0)]
-    growth = _GROWTH
+    growth = _first_growth(tracer, volume)
     for _ in range(_BY_VOLUME):
         here = points[-1]
         wanted = here.volume + growth * abs(here.volume)
@@ -547,7 +547,22 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             except NewtonError as error:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
+    if tracer.elliptic and not tracer.is_elliptic(last.displacement):
+        # the mesh held the bands back up to here
+        raise _lost_at(tracer, beyond, last.s)
     raise _given_up(tracer, failure, last.s)
+
+
+def _first_growth(tracer: _Tracer, volume: float) -> float:
+    """Share of the volume (mm³) of the last level by which a first step goes beyond it.
+
+    By as much as the last step in pressure did: what that closed in on, a longer one may leap over,
+    to shapes that no path leads to.
+    """
+    if len(tracer.levels) < 2:
+        return _GROWTH
+    grown = volume - volume_of(tracer.membrane, tracer.levels[-2].displacement)
+    return min(_GROWTH, max(_LEAST_GROWTH, grown / abs(volume)))
 
 
 def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:

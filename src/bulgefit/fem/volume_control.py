@@ -90,7 +90,8 @@ def at_volume(
         rate = (volume - volume_of(membrane, displacement) + force @ back) / growth
         correction = rate * ahead - back
         size = float(np.abs(correction).max())
-        if not np.isfinite(size):
+        # shapes of volumes near by are; it leads away, and of what is there a factor fills up
+        if not size <= membrane.radius:
             break
         displacement = displacement + membrane.spread(correction)
         pressure += float(rate)
