@@ -78,6 +78,7 @@ def test_every_verb_takes_what_it_saved(verb: str, tmp_path: Path) -> None:
     saved = tmp_path / "run.toml"
     first = parser.parse_args([*words, "--save-config", str(saved)])
     save_config(parser, first)
+    assert "[]" not in saved.read_text(encoding="utf-8")
     again = cli._verb_parser(verb, module)
     second = again.parse_args(with_config(again, ["--config", str(saved)]))
     unlike = ("config", "save_config")
