@@ -103,7 +103,7 @@ def run(job: dict[str, Any]) -> dict[str, Any]:
         "paths": result.evaluations,
         "failed": result.failures,
         "converged": sum(d.converged for d in result.descents),
-        "at_best": sum(end <= np.nanmin(ends) * 1.001 for end in ends),
+        "at_best": int(sum(end <= np.nanmin(ends) * 1.001 for end in ends)),
         "value": result.value,
         "values": result.material.values,
         **work(test, result.material),

@@ -76,6 +76,37 @@ def test_a_pipe_has_lines(
     ]
 
 
+def test_the_time_left_is_told_between_two_ends(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As it goes by, to one digit; nothing once more has gone by than was told."""
+    clock = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    with Progress(quiet=False) as shown:
+        shown.say("all")
+        shown.ahead(18.0, 134.0)
+        for seconds in (2, 10, 70, 48, 50):
+            shown.say("a step")
+            clock[0] += seconds
+    assert [line.partition(": ")[2] for line in capsys.readouterr().err.splitlines()] == [
+        "all",
+        "a step; 20 to 100 s left",
+        "a step; 20 to 100 s left",
+        "a step; 6 to 100 s left",
+        "a step; up to 50 s left",
+        "a step; up to 4 s left",
+    ]
+
+
+def test_a_terminal_tells_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = stderr_is_a_screen(monkeypatch)
+    with Progress(quiet=False) as shown:
+        shown.say("all")
+        shown.ahead(20.0, 60.0)
+        shown._line.refresh()
+        assert "left 20 to 60 s" in ESCAPE.sub("", screen.getvalue())
+
+
 def test_a_result_is_printed_in_its_place(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

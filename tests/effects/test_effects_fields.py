@@ -303,6 +303,21 @@ def test_frames_that_shift_are_told_by_their_size():
     np.testing.assert_allclose(found.values, 0.5)
 
 
+def test_frames_move_by_the_sum_of_their_terms(virtual: VirtualTest):
+    """Each by itself: a power of x and y in one component, a cosine of pressure."""
+    plain = virtual.predict(VALUES)
+    terms = {"x00_0": 0.1, "y10_2": -0.2, "z11_5": 0.3, "z02_1": 0.05}
+    own = {f"frame_field.{name}": value for name, value in terms.items()}
+    moved = virtual.predict({**VALUES, **own}, near=plain.shapes)
+    x, y = virtual.test.blocks[0].reference[:, :2].T / virtual.test.radius
+    way = np.pi * virtual.recorded / virtual.recorded.max()
+    expected = np.zeros_like(plain.displacement)
+    expected[..., 0] = 0.1
+    expected[..., 1] = -0.2 * np.outer(np.cos(2 * way), x)
+    expected[..., 2] = 0.3 * np.outer(np.cos(5 * way), x * y) + 0.05 * np.outer(np.cos(way), y * y)
+    np.testing.assert_allclose(moved.displacement - plain.displacement, expected, atol=1e-6)
+
+
 def test_a_drift_goes_with_the_time(virtual: VirtualTest):
     """Half a minute to the second frame, six more to the third."""
     plain = virtual.predict(VALUES)

@@ -150,6 +150,74 @@ def test_limit_pressure_lies_between_shapes_and_none() -> None:
     assert not points[-1].stable
 
 
+@pytest.mark.parametrize("growth", [0.05, 0.2, 0.3, 0.6])
+def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
+    growth: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where pressure is higher behind it, and the law is no longer elliptic."""
+    soft = orthotropic_stiffness(3.0, 3.0, 3.0 / 2.6, 0.3)
+    membrane = Membrane(disc(100.0, 1), 0.81)
+    monkeypatch.setattr("bulgefit.fem.trace._GROWTH", growth)
+    monkeypatch.setattr("bulgefit.fem.trace._MOST_GROWTH", 2.0)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, soft, (0.0115, 0.3))
+    assert caught.value.cause is Cause.LIMIT_PRESSURE
+    shape = trace(membrane, soft, (0.0115, 0.0115)).displacement[0]
+    volume, pressures = volume_of(membrane, shape), [0.0115]
+    for share in np.linspace(1.0, 2.0, 101):
+        point = at_volume(membrane, soft, shape, pressures[-1], share * volume)
+        shape = point.displacement
+        pressures.append(point.pressure)
+    assert 0 < np.argmax(pressures) < 100
+    assert caught.value.reached == pytest.approx(max(pressures), rel=1e-4)
+
+
+def test_what_leads_away_from_a_volume_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a tangent far from any shape a factor may fill up without end."""
+    membrane = Membrane(disc(100.0, 3), 0.81)
+    stiffness = np.array([350.0, 160.0, 40.0, 2.0])
+    shape, farthest = trace(membrane, stiffness, (1e-3, 0.05)).displacement[-1], [0.0]
+    state = membrane.state
+
+    def watched(displacement: np.ndarray, *args: Any, **more: Any) -> Any:
+        farthest.append(float(np.abs(displacement).max()))
+        return state(displacement, *args, **more)
+
+    monkeypatch.setattr(membrane, "state", watched)
+    with pytest.raises(NewtonError, match="no convergence at a given volume"):
+        at_volume(membrane, stiffness, shape, 0.05, 20.0 * volume_of(membrane, shape))
+    assert max(farthest) < 3.0 * membrane.radius
+
+
+@pytest.mark.parametrize(
+    ("shear", "cause"), [(10.0, Cause.LOSS_OF_ELLIPTICITY), (40.0, Cause.NOT_CONVERGED)]
+)
+def test_where_no_step_leads_on_the_law_may_tell_why(
+    shear: float, cause: Cause, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mesh may hold bands of shear back, up to a tangent that is singular: here, at 2.8 bar."""
+    membrane, stiffness = Membrane(disc(100.0, 4), 0.81), np.array([350.0, 160.0, 40.0, shear])
+    path = trace(membrane, stiffness, (1e-4, 0.29))
+    assert path.stable.all()
+    elliptic = membrane.acoustic_margin(path(0.28)[0], stiffness) >= 0.0
+    assert elliptic == (cause is not Cause.LOSS_OF_ELLIPTICITY)
+
+    def singular(membrane: Membrane, guess: np.ndarray, pressure: float, *args: Any, **more: Any):
+        if pressure > 0.28:
+            raise NewtonError("the tangent is nearly singular", 1, 1.0, 1)
+        return solve(membrane, guess, pressure, *args, **more)
+
+    def nowhere(*args: Any) -> Point:
+        raise NewtonError("no convergence at a given volume", 1, 1.0, 1)
+
+    monkeypatch.setattr("bulgefit.fem.trace.solve", singular)
+    monkeypatch.setattr("bulgefit.fem.trace.at_volume", nowhere)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness, (1e-4, 0.29))
+    assert caught.value.cause is cause
+    assert 0.27 < caught.value.reached <= 0.28
+
+
 def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where bands are near, a volume may be found on another branch, under less pressure.
 
@@ -255,6 +323,26 @@ def test_no_descent_leaps_past_the_loss_of_ellipticity() -> None:
     assert below.stable.all()
 
 
+def test_cloth_is_not_drawn_taut_past_the_loss_of_ellipticity() -> None:
+    """It is stretched so far that it is lost from the start; the mesh alone holds bands back.
+
+    Behind, a descent from a paraboloid at 3 bar ended on another branch.
+    """
+    heights = (3.93651, 2.11341, -9.55321, 6.9777, 0.79186)
+    slack = (0.000203964, -0.0184189)
+    membrane = _uneven(heights, "hencky", refine=4, compliance=0.0973851, slack=slack)
+    stiffness = orthotropic_stiffness(181.816, 521.355, 0.522657, 0.00749779)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness, (1e-3, 0.3))
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    reached = caught.value.reached
+    guess = flat_guess(membrane, reached, stiffness)
+    last = solve(membrane, guess, reached, stiffness, patient=True)
+    assert last.stable
+    assert last.wrinkled > 0
+    assert membrane.acoustic_margin(last.displacement, stiffness) < 0.0
+
+
 @pytest.mark.parametrize("law", ["svk", "yarn"])
 def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     membrane = Membrane(disc(100.0, 3), 0.81, law)
@@ -264,19 +352,21 @@ def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     assert membrane.acoustic_margin(path.displacement[-1], SOFT) > 0.0
 
 
-def _loose(heights: tuple[float, ...], law: str, compliance: float) -> Membrane:
-    """Uneven cloth in a clamp that slips; heights in mm."""
-    mesh = disc(100.0, 2)
+def _uneven(heights: tuple[float, ...], law: str, *, refine: int = 2, **fabric: Any) -> Membrane:
+    """Cloth that is not flat before inflation; heights in mm."""
+    mesh = disc(100.0, refine)
     x, y = mesh.nodes.T / 100.0
     h0, hx, hy, c2, s2 = heights
     height = h0 + hx * x + hy * y + c2 * (x * x - y * y) + s2 * 2 * x * y
     surface = np.column_stack([mesh.nodes, (1 - x * x - y * y) * height])
-    return Membrane(mesh, 0.81, law, fabric=Fabric(surface=surface, compliance=compliance))
+    return Membrane(mesh, 0.81, law, fabric=Fabric(surface=surface, **fabric))
 
 
 def test_loose_cloth_is_found_with_patience() -> None:
     """Its potential falls with each step of the descent, and has not come to rest after sixty."""
-    membrane = _loose((-7.89754, -2.75174, 2.73586, 0.433741, -5.3959), "yarn", 0.0967513)
+    membrane = _uneven(
+        (-7.89754, -2.75174, 2.73586, 0.433741, -5.3959), "yarn", compliance=0.0967513
+    )
     stiffness = orthotropic_stiffness(775.751, 2465.84, 2.70834, 0.176147)
     with pytest.raises(NewtonError):
         solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness)
@@ -290,7 +380,9 @@ def test_loose_cloth_is_found_with_patience() -> None:
 
 def test_loose_cloth_is_found_from_a_pressure_that_draws_it_taut() -> None:
     """Uneven cloth of soft shear under 0.0001 bar: descent from a paraboloid finds no end."""
-    membrane = _loose((-9.68008, -8.34194, -2.76569, 7.82539, 0.985646), "svk", 0.0121899)
+    membrane = _uneven(
+        (-9.68008, -8.34194, -2.76569, 7.82539, 0.985646), "svk", compliance=0.0121899
+    )
     stiffness = orthotropic_stiffness(936.25, 58.2732, 2.64973, 0.292165)
     with pytest.raises(NewtonError):
         solve(membrane, flat_guess(membrane, 1e-5, stiffness), 1e-5, stiffness, patient=True)
@@ -298,6 +390,23 @@ def test_loose_cloth_is_found_from_a_pressure_that_draws_it_taut() -> None:
     assert path.stable.all()
     state = membrane.state(path.displacement[0], 1e-5, stiffness)
     assert np.abs(state.residual).max() < 1e-8 * stiffness.max()
+
+
+def test_levels_stand_where_slack_cloth_draws_taut() -> None:
+    """Followed from 0.001 bar none was found below 0.47 bar, and volumes were off by a fifth."""
+    fabric = Fabric(slack=(-0.0120634, 0.014659))
+    membrane = Membrane(disc(100.0, 1), 0.81, "yarn", fabric=fabric)
+    stiffness = orthotropic_stiffness(355.835, 2492.84, 19.1489, 0.350383)
+    pressures = np.geomspace(2e-4, 0.04, 8)
+    path = trace(membrane, stiffness)
+    assert path.stable.all()
+    assert path.wrinkled[0] > 0
+    assert path.wrinkled[-1] == 0
+    for p, shape in zip(pressures, path(pressures), strict=True):
+        guess = flat_guess(membrane, p, stiffness)
+        balanced = solve(membrane, guess, p, stiffness, patient=True).displacement
+        volume = volume_of(membrane, balanced)
+        assert volume_of(membrane, shape) == pytest.approx(volume, rel=1e-3)
 
 
 def test_wrinkled_cloth_is_balanced_to_the_last_correction() -> None:

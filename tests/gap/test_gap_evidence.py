@@ -64,6 +64,9 @@ class Known:
             np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
 
+    def lighter(self, near: Any) -> Any:
+        return near
+
     def again(self, here: Linearised, x: np.ndarray) -> Linearised:
         there = self.linearise(x, here.columns[:0])
         residual = self._measured - self._curve(x)[0]
@@ -144,12 +147,13 @@ def test_what_means_nothing_without_another_is_no_loss_where_that_goes():
     assert fit.converged
     assert abs(fit.x[2]) > 2.0
     alone = descend(problem, layout, freeze({}), layout.null)
+    evidence = alone.score - layout.believed(freeze({}))
     around = problem.linearise(fit.x, layout.columns(layout.whole()))
     columns = layout.columns(freeze({}))
     by_all = laplace(around, layout, columns, problem.inflation)
-    assert by_all.score == pytest.approx(alone.score, rel=1e-9)
+    assert by_all.score == pytest.approx(evidence, rel=1e-9)
     blocks = Forecast.of(around, layout, layout.columns(layout.whole()), problem.inflation)
-    assert blocks.score(columns) == pytest.approx(alone.score, rel=1e-9)
+    assert blocks.score(columns) == pytest.approx(evidence, rel=1e-9)
 
 
 @pytest.mark.parametrize("base", [{}, {"a": 0, "c": 1}, {"a": 0, "b": 1, "c": 1, "d": 0}])
@@ -287,7 +291,8 @@ def test_evidence_of_a_bent_model_against_quadrature():
     total, _ = dblquad(
         density, a - wide[0], a + wide[0], b - wide[1], b + wide[1], epsabs=0, epsrel=1e-7
     )
-    assert fit.score == pytest.approx(least - 2.0 * np.log(total), abs=0.05)
+    evidence = fit.score - layout.believed(fit.model)
+    assert evidence == pytest.approx(least - 2.0 * np.log(total), abs=0.05)
 
 
 def rosenbrock(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -494,31 +499,70 @@ def test_all_models_are_found_as_enumeration_ranks_them():
     for mask in range(256):
         columns = np.array([i for i in range(8) if mask >> i & 1], dtype=np.intp)
         model = freeze({f"g{i}": 0 for i in columns})
-        scores[model] = marginal(problem, rows, columns, measured)
+        before = search.layout.believed(model)
+        scores[model] = marginal(problem, rows, columns, measured) + before
     assert best.model == min(scores, key=lambda m: scores[m])
-    exact = weighed(scores, 1.0, search.names)
-    found = weighed(search.scores(1.0), 1.0, search.names)
+    exact = weighed(scores, search.names)
+    found = weighed(search.scores(1.0), search.names)
     for name in search.names:
         assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
 
 
-def test_groups_without_a_say_make_no_end_of_models():
-    """Forty independent groups, of which two are at work, and differences that count for little.
+def of_all(layout: Layout, worths: list[float]) -> list[float]:
+    """Probabilities of independent groups over all models: each gains so much of -2 ln Z.
 
-    All the 2^40 models hold some of the probability, but those of a group are its own.
+    By the sums of products of their odds, one for each number of groups.
     """
+    odds = np.exp(0.5 * np.array(worths))
+    names = [name for name, _ in layout.whole()]
+    before = [
+        np.exp(-0.5 * layout.believed(freeze(dict.fromkeys(names[:k], 0))))
+        for k in range(len(odds) + 1)
+    ]
+    whole = before @ np.poly(-odds)
+    return [
+        float(before[1:] @ np.poly(-np.delete(odds, i))) * odds[i] / whole for i in range(len(odds))
+    ]
+
+
+def test_what_is_believed_of_models_before_any_data_is_a_probability():
+    """Of all models together it is one; with more groups none becomes likelier."""
+    groups = [
+        group("m", [1.0], always=True),
+        *(group(f"g{i}", [1.0]) for i in range(5)),
+        group("h", [1.0, 1.0], forms=((0,), (0, 1))),
+    ]
+    layout = Layout.of(groups)
+    each = list[float]()
+    for mask in range(2**5):
+        own = {f"g{i}": 0 for i in range(5) if mask >> i & 1}
+        for more in ({}, {"h": 0}, {"h": 1}):
+            each.append(np.exp(-0.5 * layout.believed(freeze(own | more))))
+    assert sum(each) == pytest.approx(1.0, rel=1e-12)
+    # the integral that it is, by quadrature
+    w, weight = np.polynomial.legendre.leggauss(8)
+    w, weight = 0.25 * (w + 1.0), 0.25 * weight
+    exact = [2.0 * weight @ (w**k * (1.0 - w) ** (6 - k)) for k in range(7)]
+    counted = [freeze({f"g{i}": 0 for i in range(k)}) for k in range(6)]
+    found = [np.exp(-0.5 * layout.believed(model)) for model in counted]
+    assert found == pytest.approx(exact[:6], rel=1e-12)
+    assert np.all(np.diff(exact) < 0.0)
+
+
+def test_of_many_groups_that_are_not_there_none_is_likely_by_chance():
+    """Forty groups, of which two are at work; what the others gain by chance they gain as forty."""
     rng = np.random.default_rng(12)
     rows = 10.0 * np.linalg.qr(rng.normal(size=(60, 40)))[0]
-    measured = rows[:, 0] * 3.0 + rows[:, 1] * 1.5 + 0.1 * rng.normal(size=60)
+    measured = rows[:, 0] * 2.0 + rows[:, 1] + rng.normal(size=60)
     problem = linear([group(f"g{i}", [1.0]) for i in range(40)], rows, measured)
     search = searched(problem)
     assert explore(search, np.zeros(40)).model == freeze({"g0": 0, "g1": 0})
-    found = weighed(search.scores(100.0), 100.0, search.names)
-    for name, column in (("g0", 0), ("g1", 1)):
-        # a group alone: z² (1 - 1/101) is gained and ln 101 paid
-        worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
-        exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 100.0))
-        assert found.groups[name] == pytest.approx(exact, abs=0.01)
+    worths = [float((rows[:, i] @ measured) ** 2 / 101.0 - np.log(101.0)) for i in range(40)]
+    # by themselves likelier there than not
+    assert sum(worth > 0.0 for worth in worths[2:]) > 0
+    found = weighed(search.scores(1.0), search.names).groups
+    for i, exact in enumerate(of_all(search.layout, worths)):
+        assert found[f"g{i}"] == pytest.approx(exact, abs=0.05)
 
 
 def test_groups_that_hardly_count_are_not_sure_for_being_many():
@@ -532,12 +576,11 @@ def test_groups_that_hardly_count_are_not_sure_for_being_many():
     problem = linear([group(f"g{i}", [1.0]) for i in range(30)], rows, measured)
     search = searched(problem)
     assert len(explore(search, np.zeros(30)).model) == 30
-    found = weighed(search.scores(50.0), 50.0, search.names)
-    for column in range(30):
-        worth = (rows[:, column] @ measured) ** 2 / 101.0 - np.log(101.0)
-        exact = 1.0 / (1.0 + np.exp(-0.5 * worth / 50.0))
+    found = weighed(search.scores(50.0), search.names)
+    worths = [((rows[:, i] @ measured) ** 2 / 101.0 - np.log(101.0)) / 50.0 for i in range(30)]
+    for i, exact in enumerate(of_all(search.layout, worths)):
         assert 0.6 < exact < 0.95
-        assert found.groups[f"g{column}"] == pytest.approx(exact, abs=0.01)
+        assert found.groups[f"g{i}"] == pytest.approx(exact, abs=0.01)
 
 
 def test_elimination_alone_is_trapped_where_growth_is_not():
@@ -560,6 +603,55 @@ def test_elimination_alone_is_trapped_where_growth_is_not():
     best = explore(searched(problem), np.zeros(6))
     assert best.model == freeze({"wide": 0})
     assert best.score < stuck.score - 5.0
+
+
+def test_where_was_looked_around_is_known():
+    """Once for each problem and point; where a model has everything, by its own derivatives."""
+    rng = np.random.default_rng(21)
+    rows = rng.normal(size=(40, 2))
+    measured = rows @ [3.0, 0.0] + rng.normal(size=40)
+    groups = [group("a", [5.0]), group("b", [5.0])]
+    problem, other = (linear(groups, rows, measured, inflation=v) for v in (1.0, 2.0))
+    search = searched(problem)
+    small = search.fit(freeze({"a": 0}), np.zeros(2))
+    whole = search.fit(search.layout.whole(), np.zeros(2))
+    assert small is not None
+    assert whole is not None
+    before = problem.solves
+    around = search.around(small)
+    assert problem.solves == before + 1
+    np.testing.assert_allclose(around.hessian, rows.T @ rows, rtol=1e-12)
+    assert search.around(replace(small, score=0.0)) is around
+    assert search.around(whole) is whole.here
+    assert problem.solves == before + 1
+    moved = replace(small, here=replace(small.here, x=small.x + np.array([0.5, 0.0])))
+    assert search.around(moved).square != around.square
+    elsewhere = replace(search, problem=other)
+    assert elsewhere.around(small) is not around
+    assert other.solves == 1
+
+
+def test_of_all_fits_the_best_alone_keeps_what_a_neighbour_starts_from():
+    class Near(Known):
+        def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+            return replace(super().linearise(x, columns), near="derivatives")
+
+        def lighter(self, near: Any) -> Any:
+            return "shapes"
+
+    rng = np.random.default_rng(22)
+    rows = rng.normal(size=(40, 3))
+    measured = rows @ [3.0, 2.0, 0.0] + rng.normal(size=40)
+    problem = Near(
+        [group(name, [5.0]) for name in "abc"], measured, lambda x: (rows @ x, rows)
+    )  # fmt: skip
+    search = searched(problem)
+    for model in ({}, {"a": 0}, {"c": 0}, {"a": 0, "b": 0}, {"b": 0}):
+        search.fit(freeze(model), np.zeros(3))
+    assert search.best.model == freeze({"a": 0, "b": 0})
+    kept = {model: fit.here.near for model, fit in search.fits.items()}
+    assert kept.pop(search.best.model) == "derivatives"
+    assert set(kept.values()) == {"shapes"}
 
 
 def test_a_wrong_group_is_swapped_for_the_right_one():
@@ -705,17 +797,26 @@ def test_probabilities_are_those_of_the_evidence():
         freeze({"b": 0}): 10.0 + 2.0 * np.log(3.0),
         freeze({}): 300.0,
     }
-    found = weighed(scores, 1.0, ("a", "b", "c"))
+    found = weighed(scores, ("a", "b", "c"))
     assert found.groups == pytest.approx({"a": 0.75, "b": 0.25, "c": 0.0}, abs=1e-12)
     assert found.best == freeze({"a": 0})
     assert found.rivals("a") == ("b",)
-    # twice the temper, and odds are their roots
-    odds = weighed(scores, 2.0, ("a", "b")).groups
-    assert odds["a"] / odds["b"] == pytest.approx(np.sqrt(3.0), rel=1e-9)
+
+
+def test_a_temper_takes_roots_of_the_evidence_but_not_of_what_was_believed_before():
+    rows = np.eye(4)[:, :2]
+    measured = np.array([3.0, 1.0, 0.0, 0.0])
+    problem = linear([group("a", [2.0]), group("b", [2.0])], rows, measured)
+    search = searched(problem)
+    explore(search, np.zeros(2))
+    for temper in (1.0, 2.0):
+        found = weighed(search.scores(temper), search.names).groups
+        worths = [(v**2 * 4.0 / 5.0 - np.log(5.0)) / temper for v in (3.0, 1.0)]
+        assert list(found.values()) == pytest.approx(of_all(search.layout, worths), abs=1e-9)
 
 
 def test_a_doubtful_group_beside_nothing_has_no_rival():
-    found = weighed({freeze({"a": 0}): 0.0, freeze({}): 2.0}, 1.0, ("a",))
+    found = weighed({freeze({"a": 0}): 0.0, freeze({}): 2.0}, ("a",))
     assert 0.5 < found.groups["a"] < 0.95
     assert found.rivals("a") == ()
 

@@ -128,9 +128,9 @@ def test_rows_are_those_of_a_dense_covariance(data: Data, sizes: np.ndarray | No
     weighing, layout = weighing_of(some, sizes)
     x, columns = off_the_null(layout), np.arange(3, 6)
     found = weighing.linearise(x, columns)
-    one = weighing.predicted(x, list(columns), 0)
+    one = weighing.seen(x, list(columns), 0)
     names = [weighing.coordinates.every[c].key.name for c in columns]
-    frames = np.stack([*one.derivative, np.zeros_like(one.displacement)]) * some.weight
+    frames = np.stack([*one.derivative(), np.zeros_like(one.displacement)]) * some.weight
     frames[-1] = some.residual(one)
     heights = height_rows(some, one.shapes.values, names)
     for_z = np.zeros((len(names) + 1, 1, *used.shape[1:]))

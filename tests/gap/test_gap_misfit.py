@@ -170,7 +170,7 @@ def test_beside_a_misfit_only_true_causes_are_sure(made_by_the_model, seed):
 
     def sure(search: Search[Weighing]) -> set[str]:
         search.improved(search.best)
-        chances = weighed(search.scores(1.0), 1.0, search.names).groups
+        chances = weighed(search.scores(1.0), search.names).groups
         return {str(group) for group, p in chances.items() if p >= 0.95}
 
     settled = trial.settled()

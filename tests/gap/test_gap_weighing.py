@@ -17,7 +17,7 @@ from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
@@ -93,6 +93,34 @@ def test_gradients_are_those_of_the_misfit(data: Data) -> None:
         assert -0.5 * change / (2 * step) == pytest.approx(here.gradient[place], rel=5e-3), column
 
 
+def test_threads_change_no_bit(data: Data) -> None:
+    """Of the misfit, of its derivatives, and of what they make together."""
+    weighing, layout = weighing_of([data])
+    threads, _ = weighing_of([data.afresh()])
+    threads.data[0].specimen.threads = 2
+    x, columns = near_the_truth(weighing, layout), np.arange(0, len(layout.null), 7)
+    one, two = (w.linearise(x, columns) for w in (weighing.afresh(), threads))
+    flat = one.rows[0]
+    np.testing.assert_allclose(one.hessian, flat[:-1] @ flat[:-1].T, rtol=1e-12, atol=1e-9)
+    np.testing.assert_array_equal(one.hessian, two.hessian)
+    np.testing.assert_array_equal(one.gradient, two.gradient)
+    assert one.square == two.square
+
+
+@pytest.mark.parametrize("creased", [False, True])
+def test_what_a_fit_predicts_is_what_its_regression_does(data: Data, creased: bool) -> None:
+    weighing, layout = weighing_of([data])
+    if creased:
+        weighing = Weighing([data], weighing.coordinates, [np.full(3, 0.01)])
+    start = near_the_truth(weighing, layout)
+    fit = descend(weighing, layout, freeze({Owned("clamp_slip"): 0}), start)
+    whole, seen = regression_of(weighing, fit), seen_by(weighing, fit)
+    assert seen.keys == whole.keys
+    np.testing.assert_allclose(
+        seen.predictions[0].displacement, whole.predictions[0].displacement, atol=1e-12
+    )
+
+
 def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     """r C⁻¹ r with C = v 1 + m mᵀ, by a dense matrix."""
     pattern = np.random.default_rng(3).normal(size=data.used.shape) * 1e-3
@@ -100,7 +128,7 @@ def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     with_mesh, _ = weighing_of([replace(data, inflation=3.0, mesh=pattern)])
     x, columns = near_the_truth(plain, layout), np.arange(3)
     found = with_mesh.linearise(x, columns)
-    own = plain.predicted(x, list(columns), 0)
+    own = plain.seen(x, list(columns), 0)
     rows = plain._rows(plain.data[0], own, x, list(columns)).reshape(4, -1)
     m = (pattern / data.sigma).ravel()
     covariance = 3.0 * np.eye(len(m)) + np.outer(m, m)
@@ -120,7 +148,7 @@ def test_offsets_of_points_are_integrated_out(data: Data) -> None:
     x, columns = near_the_truth(plain, layout), np.arange(3)
     weighing = Weighing([some], plain.coordinates, [prior])
     found = weighing.linearise(x, columns)
-    rows = plain._rows(some, plain.predicted(x, list(columns), 0), x, list(columns))
+    rows = plain._rows(some, plain.seen(x, list(columns), 0), x, list(columns))
     points = used.shape[1]
     exact, log_det = np.zeros((4, 4)), 0.0
     for point in range(points):
@@ -260,7 +288,7 @@ def test_a_tangent_that_cannot_be_solved_is_no_shape(
         raise NotPositiveDefiniteError("zero pivot 1")
 
     weighing, layout = weighing_of([data])
-    monkeypatch.setattr(data.specimen, "predict", fails)
+    monkeypatch.setattr(data.specimen, "shapes", fails)
     with pytest.raises(SolveError, match="zero pivot 1"):
         weighing.linearise(layout.null, np.arange(3))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.model.description import active_effects, null_values, with_value
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -57,3 +58,27 @@ def test_a_difference_by_a_modulus_keeps_it_above_zero() -> None:
         low, high = virtual.span(modulus, {**MODULI, modulus: 1e-6})
         assert 0.0 < low < 1e-6 < high
     assert virtual.span("G12", MODULI) == (20.0 - 1e-3, 20.0 + 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("prestrain.slack_x", 2e-3),  # of one that acts
+        ("prestrain.slack_x", 0.0),  # of one that then does no more
+        ("clamp_slip.compliance", 0.01),  # of one that did not, before and between others
+        ("lens_distortion.k1", 1e-3),
+        ("stiffness_field.b7", 0.1),
+        ("poisson_ratio.nu12", 0.24),  # of one whose null is the test's
+        ("poisson_ratio.nu12", 0.3),
+        ("rigid_motion.rotation_z", 0.0),
+    ],
+)
+def test_effects_by_one_value_more_are_those_by_all_values(name: str, value: float) -> None:
+    """In the order in which they act."""
+    nulls = null_values(0.24)
+    values = {
+        **MODULI, "poisson_ratio.nu12": 0.2, "prestrain.slack_x": 1e-3, "dic_scale.scale": 0.01,
+        "rigid_motion.rotation_z": 1.0, "rigid_motion.shift_x": 0.1, "creep.rate": 0.0,
+    }  # fmt: skip
+    found = with_value(active_effects(values, nulls), name, value, nulls)
+    assert found == active_effects({**values, name: value}, nulls)

@@ -136,6 +136,7 @@ def run(args: argparse.Namespace) -> int:
                 # those of a cluster have their own work for their cores
                 workers=1 if args.scheduler else workers,
                 say=partial(_common.step, args),
+                left=args.shown.ahead,
             )
         record = record_of(found)
         _common.deliver(args, record, table(record), *_works(args, found, record))

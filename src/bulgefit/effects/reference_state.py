@@ -17,11 +17,29 @@ Floats = NDArray[np.float64]
 
 #: MPa.
 _BAR = 0.1
+#: Size (mm) of the widest crease, a wave of second degree, and of what tilts and shifts.
+_WIDEST = 0.5
 #: Degrees (i, j) of the modes P_i(x/a) P_j(y/a), Legendre's polynomials, up to the fifth in all.
 MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
 # by degree, so that a form is a full polynomial in all three components
-_NAMES = tuple(f"{axis}{i}{j}" for n in range(6) for axis in "xyz" for i, j in MODES if i + j == n)
+_OF_DEGREE = tuple(
+    tuple(f"{axis}{i}{j}" for axis in "xyz" for i, j in MODES if i + j == n) for n in range(6)
+)
+_NAMES = tuple(name for names in _OF_DEGREE for name in names)
 _AXIS_MAJOR = tuple(f"{axis}{i}{j}" for axis in "xyz" for i, j in MODES)
+
+
+def _modes(names: tuple[str, ...], degree: int) -> tuple[Parameter, ...]:
+    """Parameters of one degree."""
+    return several(
+        names,
+        "mm",
+        10.0,
+        prior=_WIDEST * (2.0 / max(degree, 2)) ** 2,
+        reason="creases and sagging of a fabric at rest, and less by the square of the degree: a "
+        "sheet's waves of equal bending energy do so",
+        step=1e-3,
+    )
 
 
 class ReferenceState(Effect):
@@ -36,14 +54,7 @@ class ReferenceState(Effect):
     meaning = "the reference image shows the fabric already displaced"
     remedy = "take the reference image under a light pressure that makes the fabric smooth"
     parameters = (
-        *several(
-            _NAMES,
-            "mm",
-            10.0,
-            prior=0.5,
-            reason="creases and sagging of a fabric at rest, per mode",
-            step=1e-3,
-        ),
+        *(p for degree, names in enumerate(_OF_DEGREE) for p in _modes(names, degree)),
         Parameter(
             "flattening",
             "bar",

@@ -170,8 +170,16 @@ def own_values(
 ) -> dict[str, float]:
     """Values of an effect's parameters by their own names, nulls where none are given."""
     own = {}
-    for parameter in effect.parameters:
-        name = f"{effect.id}.{parameter.name}"
-        null = nulls.get(name, parameter.null)
-        own[parameter.name] = values.get(name, 0.0 if null is None else null)
+    for name, whole, null in _spelt(effect):
+        value = values.get(whole)
+        if value is None:
+            value = nulls.get(whole, null)
+        own[name] = 0.0 if value is None else value
     return own
+
+
+@cache
+def _spelt(effect: Effect) -> tuple[tuple[str, str, float | None], ...]:
+    """An effect's parameters by their own and their whole names, with their nulls."""
+    pairs = zip(effect.parameters, effect.names, strict=True)
+    return tuple((parameter.name, whole, parameter.null) for parameter, whole in pairs)

@@ -454,7 +454,8 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
     into bands of shear, past the point where the path turns unstable. Where steps in pressure fail,
     the branch is followed by its volume until pressure can be stepped again, or its greatest
-    pressure is passed; cloth that is too loose for that is looked for where it is taut.
+    pressure is passed. Cloth that is too loose for that is looked for where it is taut; without
+    ellipticity that is a descent too, and the path ends.
 
     Raises
     ------
@@ -478,6 +479,8 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     except _StoppedError as stopped:
         if stopped.cause is not Cause.NOT_CONVERGED or not below.wrinkled:
             raise
+        if tracer.elliptic and not tracer.is_elliptic(below.displacement):
+            raise _lost_at(tracer, last * (1.0 + _BRACKET), last) from stopped
         if not _draw_taut(tracer, end):
             raise
     return (tracer.levels[-1].s - last) / step
@@ -508,8 +511,8 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
     """
     last = tracer.levels[-1]
     volume = volume_of(tracer.membrane, last.displacement)
-    points = [Point(last.displacement, last.s**3, volume, last.stable, 0)]
-    growth = _GROWTH
+    points = [Point(last.displacement, last.s**3, volume, last.stable, True, 0)]
+    growth = _first_growth(tracer, volume)
     for _ in range(_BY_VOLUME):
         here = points[-1]
         wanted = here.volume + growth * abs(here.volume)
@@ -533,6 +536,9 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
                 # what lies behind may be found on a branch of lower pressures
                 beyond = max(np.cbrt(high.pressure), reached * (1.0 + _BRACKET))
                 raise _lost_at(tracer, beyond, reached)
+        # its pressure is higher, and has been higher still
+        if not point.rises:
+            raise _limit(tracer, points, failure)
         s = np.cbrt(point.pressure)
         if s > beyond:
             try:
@@ -541,7 +547,22 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             except NewtonError as error:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
+    if tracer.elliptic and not tracer.is_elliptic(last.displacement):
+        # the mesh held the bands back up to here
+        raise _lost_at(tracer, beyond, last.s)
     raise _given_up(tracer, failure, last.s)
+
+
+def _first_growth(tracer: _Tracer, volume: float) -> float:
+    """Share of the volume (mm³) of the last level by which a first step goes beyond it.
+
+    By as much as the last step in pressure did: what that closed in on, a longer one may leap over,
+    to shapes that no path leads to.
+    """
+    if len(tracer.levels) < 2:
+        return _GROWTH
+    grown = volume - volume_of(tracer.membrane, tracer.levels[-2].displacement)
+    return min(_GROWTH, max(_LEAST_GROWTH, grown / abs(volume)))
 
 
 def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
@@ -593,12 +614,9 @@ def _ahead(points: list[Point], volume: float) -> Floats:
 
 
 def _limit(tracer: _Tracer, points: list[Point], failure: NewtonError) -> _StoppedError:
-    """What ends a path whose last point has more volume under less pressure than the one before."""
-    best = points[-2]
-    if len(points) > 2:
-        three = points[-3], points[-2], points[-1]
-        best, work = highest_pressure(tracer.membrane, tracer.stiffness, three)
-        tracer.work += work
+    """What ends a path at whose last point more volume takes less pressure."""
+    best, work = highest_pressure(tracer.membrane, tracer.stiffness, points)
+    tracer.work += work
     s = np.cbrt(best.pressure)
     return _StoppedError(
         Cause.LIMIT_PRESSURE.value, Cause.LIMIT_PRESSURE, s * (1.0 + _BRACKET), s, failure
@@ -649,13 +667,50 @@ def _refine(tracer: _Tracer, tolerance: float, closest: float) -> None:
         error = tracer.error(after, _AIM * tolerance)
         done = error <= _SURE * tolerance or high - low < closest or low in singular
         if not done and tracer.wasted <= _PATIENCE:
-            middle = 0.5 * (low + high)
             try:
-                tracer.solve(middle, tracer.interpolate(middle), follow=True)
+                _put_between(tracer, tracer.levels[after], tracer.levels[after + 1])
                 after = min(after + STENCIL, len(tracer.levels) - 1)
             except NewtonError:
                 singular.add(low)
         after -= 1
+
+
+def _put_between(tracer: _Tracer, low: _Level, high: _Level) -> None:
+    """Add a level halfway between two.
+
+    In wrinkled cloth the dense output may be too far off for a search along the path: from the
+    shape at the higher pressure, which has fewer wrinkles, descent of the potential finds the level
+    as it finds the next one in `_advance`.
+
+    Raises
+    ------
+    NewtonError
+    """
+    s = 0.5 * (low.s + high.s)
+    try:
+        tracer.solve(s, tracer.interpolate(s), follow=True)
+    except NewtonError:
+        ends = (low, high)
+        wrinkled = any(end.wrinkled for end in ends) and all(end.stable for end in ends)
+        if not (wrinkled and all(tracer.is_elliptic(end.displacement) for end in ends)):
+            raise
+        tracer.solve(s, high.displacement, follow=False)
+        _check_between(tracer, low, high)
+
+
+def _check_between(tracer: _Tracer, low: _Level, high: _Level) -> None:
+    """Take a level back that lies on another branch: the volumes of one grow with pressure.
+
+    Raises
+    ------
+    NewtonError
+    """
+    at = tracer.levels.index(low) + 1
+    shapes = [level.displacement for level in (low, tracer.levels[at], high)]
+    below, between, above = (volume_of(tracer.membrane, shape) for shape in shapes)
+    if not (tracer.levels[at].stable and below < between < above):
+        del tracer.levels[at]
+        raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
 
 
 def _solve_error(

@@ -11,6 +11,7 @@ which more volume takes less pressure has passed its limit pressure.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +43,8 @@ class Point:
     volume : float, mm³
     stable : bool
         Under a given pressure: the tangent is positive definite.
+    rises : bool
+        More volume takes more pressure there: dV/dp = f·K⁻¹f > 0.
     work : int
         Factorisations spent.
     """
@@ -50,6 +53,7 @@ class Point:
     pressure: float
     volume: float
     stable: bool
+    rises: bool
     work: int
 
 
@@ -82,30 +86,32 @@ def at_volume(
             factor, stable = membrane.linear.factorise_indefinite(state.tangent), False
         force = membrane.pressure_force(displacement)
         back, ahead = factor.solve(np.array([state.residual, force]).T).T
-        rate = (volume - volume_of(membrane, displacement) + force @ back) / (force @ ahead)
+        growth = float(force @ ahead)
+        rate = (volume - volume_of(membrane, displacement) + force @ back) / growth
         correction = rate * ahead - back
         size = float(np.abs(correction).max())
-        if not np.isfinite(size):
+        # shapes of volumes near by are; it leads away, and of what is there a factor fills up
+        if not size <= membrane.radius:
             break
         displacement = displacement + membrane.spread(correction)
         pressure += float(rate)
         # what follows a correction is of the order of its square
         if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
-            return Point(displacement, pressure, volume, stable, iteration)
+            return Point(displacement, pressure, volume, stable, growth > 0.0, iteration)
         before = size
     residual = float(np.abs(state.residual).max())
     raise NewtonError("no convergence at a given volume", iteration, residual, iteration)
 
 
 def highest_pressure(
-    membrane: Membrane, stiffness: Floats, points: tuple[Point, Point, Point]
+    membrane: Membrane, stiffness: Floats, points: Sequence[Point]
 ) -> tuple[Point, int]:
-    """The limit pressure of a branch, from points before, near and behind it.
+    """The limit pressure of a branch that has passed it.
 
     Parameters
     ----------
-    points : three of Point
-        By volume; the middle one has the highest pressure.
+    points : two of Point or more
+        By volume; pressure rises up to the last but one, and falls at the last.
 
     Returns
     -------
@@ -113,10 +119,11 @@ def highest_pressure(
     work : int
         Factorisations spent.
     """
-    low, best, high = points
+    low, best, high = points[-3:] if len(points) > 2 else (points[0], *points)
     work = 0
     for _ in range(_PARABOLAS):
-        volume = _vertex(low, best, high)
+        known = low is not best
+        volume = _vertex(low, best, high) if known else 0.5 * (low.volume + high.volume)
         if not low.volume < volume < high.volume:
             break
         try:
@@ -125,11 +132,14 @@ def highest_pressure(
             work += error.work
             break
         work += new.work
-        if new.pressure <= best.pressure:
+        if new.pressure > best.pressure:
+            low, high = (low, best) if new.volume < best.volume else (best, high)
+            best = new
+        elif known:
             break
-        low, high = (low, best) if new.volume < best.volume else (best, high)
-        best = new
-    return best, work
+        else:
+            high = new
+    return max(best, points[-1], key=lambda point: point.pressure), work
 
 
 def _vertex(a: Point, b: Point, c: Point) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -93,7 +94,7 @@ def _between(
             at = partial(_smaller, weighing.afresh(), layout, model, start.x, start.here.near)
             smaller = smaller or kept(at)
         larger = smaller or larger
-        found.append(regression_of(weighing.afresh(), smaller) if smaller is not None else None)
+        found.append(_told(weighing.afresh(), smaller) if smaller is not None else None)
     return found[::-1]
 
 
@@ -106,7 +107,15 @@ def _refit(
     weighing = weighing.afresh()
     with one_blas_thread():
         fit = _smaller(weighing, layout, model, x, near)
-        return regression_of(weighing, fit) if fit is not None else None
+        return _told(weighing, fit) if fit is not None else None
+
+
+def _told(weighing: Weighing, fit: Fit) -> Regression:
+    """The regression of a smaller model: no one starts from it, so derivatives are let go."""
+    found = regression_of(weighing, fit)
+    shapes = weighing.lighter(fit.here.near)
+    seen = [replace(p, shapes=s) for p, s in zip(found.predictions, shapes, strict=True)]
+    return replace(found, predictions=seen)
 
 
 def _smaller(

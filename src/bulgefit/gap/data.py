@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.virtual_test import Prediction, Sight
 
 __all__ = ["FOLDS", "Blocks", "Data"]
 
@@ -123,7 +123,7 @@ class Data:
         height = self.specimen.reference[:, 2]
         return height if height.any() else None
 
-    def residual(self, prediction: Prediction) -> Floats:
+    def residual(self, prediction: Prediction | Sight) -> Floats:
         """(measured - modelled) over noise and doubt, 0 where unused: (frames, points, 3)."""
         difference = (self.specimen.measured - prediction.displacement) * self.weight
         return np.where(self.used, difference, 0.0)

@@ -24,6 +24,7 @@ from bulgefit.gap.follow_up.holdout import judge_held_out
 from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
 from bulgefit.gap.implied_reference import implied_references
 from bulgefit.gap.law_table import law_table
+from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import (
     Prepared,
     drop_outliers,
@@ -55,6 +56,7 @@ def diagnose(
     executor: Executor | None = None,
     workers: int = 1,
     say: Callable[[str], None] = lambda _: None,
+    left: Callable[[float, float], None] = lambda least, most: None,
 ) -> Diagnosis:
     """Where the model misses, which unmodelled effect causes it, and how far the gap shrinks.
 
@@ -85,6 +87,8 @@ def diagnose(
         no executor is given, also threads that refit candidates.
     say : callable
         Told what is tried.
+    left : callable
+        Told the least and the most seconds that are left, whenever a stage begins.
 
     Raises
     ------
@@ -115,6 +119,7 @@ def diagnose(
         prepared = [prepare(test, law, workers) for test in given]
         kept_out = None if holdout is None else prepare(holdout, law, workers)
         data = [p.data for p in prepared]
+        pace = Pace(left)
         say("baseline: the moduli alone")
         baseline = _baseline(prepared)
         found = explain(
@@ -123,11 +128,13 @@ def diagnose(
             baseline,
             pool,
             say,
+            pace,
             thorough=thorough,
             same_rig=same_rig,
             priors=believed,
         )
         baseline = found.baseline
+        pace.begins(Stage.REST)
         say("held-out gap")
         for one, prediction in zip(prepared, found.final.predictions, strict=True):
             judge_mesh(one, prediction.shapes)

@@ -22,7 +22,7 @@ from bulgefit.gap.evidence.coordinates import (
     is_field,
 )
 from bulgefit.gap.evidence.descend import Fit, descend
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.search import Search, Ways
@@ -30,6 +30,7 @@ from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
+from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
@@ -51,6 +52,7 @@ def explain(
     baseline: Regression,
     executor: Executor,
     say: Callable[[str], None] = lambda _: None,
+    pace: Pace | None = None,
     *,
     thorough: bool = False,
     same_rig: bool = False,
@@ -73,6 +75,8 @@ def explain(
         Refits without each group, side by side.
     say : callable
         Told what is tried.
+    pace : Pace, optional
+        Told which stage begins.
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
     same_rig : bool
@@ -80,6 +84,7 @@ def explain(
     priors : mapping of modulus to (MPa, MPa), optional
         Centre and standard deviation that are better known.
     """
+    pace = pace or Pace()
     usable = [e for e in effects if not e.never_separable]
     whole = [p.data for p in prepared]
     several = len(whole) > 1
@@ -92,6 +97,7 @@ def explain(
     start = np.array(layout.null)
     start[: len(MODULI)] = np.log([START[m] for m in MODULI])
 
+    pace.begins(Stage.TOGETHER)
     say("everything at once")
     rough = _rough(whole, coordinates, layout, start, baseline)
     for index, p in enumerate(prepared):
@@ -99,10 +105,12 @@ def explain(
 
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
+    pace.begins(Stage.SEARCH)
     plain, creased, search = _searched(
-        prepared, coordinates, layout, rough, origin, say, thorough=thorough
+        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found = search.best
+    pace.begins(Stage.POINTS)
     say("the best model, by all points")
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
@@ -113,7 +121,8 @@ def explain(
     tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
-    chances = weighed(search.scores(left), left, search.names)
+    chances = weighed(search.scores(left), search.names)
+    pace.begins(Stage.PARTS)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
@@ -149,7 +158,7 @@ def _excess(search: Search[Weighing]) -> float:
     problem, best = search.problem, search.best
     if problem.misfits is None:
         return 1.0
-    seen = regression_of(problem, best).predictions
+    seen = seen_by(problem, best).predictions
     bare = Weighing(problem.data, problem.coordinates, problem.offsets)
     return temper(problem.data, seen, taken_up(bare, best, search.layout))
 
@@ -206,6 +215,7 @@ def _searched(
     rough: Fit,
     origin: Floats,
     say: Callable[[str], None],
+    pace: Pace,
     *,
     thorough: bool,
 ) -> tuple[Search[Weighing], Search[Weighing] | None, Search[Weighing]]:
@@ -232,7 +242,8 @@ def _searched(
     if plain.is_content:
         plain.finish()
         return plain.search, None, plain.search
-    sizes = _offset_sizes(data, plain.regression)
+    pace.begins(Stage.FIELDS)
+    sizes = _offset_sizes(data, plain.seen)
     creased = None
     if any(size.any() for size in sizes):
         say("an offset of every point")
@@ -257,6 +268,7 @@ def _searched(
             replace(plain, search=replace(plain.search, fits={whole.model: whole})),
             None,
         )
+    pace.begins(Stage.UNITS)
     for settle in (_Trial.thinned, _Trial.settled):
         say("units anew")
         for index, p in enumerate(prepared):
@@ -289,14 +301,14 @@ class _Trial:
         return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
 
     @property
-    def regression(self) -> Regression:
-        """The best model's."""
-        return regression_of(self.search.problem, self.search.best)
+    def seen(self) -> Seen:
+        """What the best model predicts."""
+        return seen_by(self.search.problem, self.search.best)
 
     @property
     def is_content(self) -> bool:
         """Whether the best model leaves nothing but noise."""
-        return not structure(self.data, self.regression).significant
+        return not structure(self.data, self.seen).significant
 
     def finish(self) -> None:
         """What else may be, where nothing is left: fewer effects, or a field in their place.
@@ -327,7 +339,7 @@ class _Trial:
         best, search = self.search.best, self.search
         if not self.is_content:
             taken = taken_up(search.problem, best, search.layout)
-            by = loudest(self.data, self.regression.predictions, taken)
+            by = loudest(self.data, self.seen.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
@@ -358,7 +370,7 @@ class _Trial:
         """A search from a fit, beside what that misses by beyond the noise."""
         problem, layout = self.search.problem, self.search.layout
         search = replace(self.search, fits={fit.model: fit}, roughly=True)
-        if not structure(self.data, regression_of(problem, fit)).significant:
+        if not structure(self.data, seen_by(problem, fit)).significant:
             return search
         here = problem.linearise(fit.x, layout.columns(fit.model), fit.here.near)
         search = replace(search, problem=problem.beside_misfit(here), fits={})
@@ -371,7 +383,7 @@ def _score(search: Search[Weighing]) -> float:
     return search.best.score + search.problem.cost
 
 
-def _offset_sizes(data: Sequence[Data], fit: Regression) -> list[Floats]:
+def _offset_sizes(data: Sequence[Data], fit: Seen) -> list[Floats]:
     """Standard deviations (3,) mm of what every point has in all frames, beyond the noise.
 
     The prior whose evidence is largest, for points that were seen equally often.

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.places import LEAST_SLIP, Clamping, Cloth, Load
-from bulgefit.effects.registry import acting, own_values, parameter_named
+from bulgefit.effects.registry import acting, effect_named, own_values, parameter_named
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.geometry import SHAPE
@@ -28,6 +28,7 @@ __all__ = [
     "cloth_law",
     "describe",
     "null_values",
+    "with_value",
 ]
 
 Floats = NDArray[np.float64]
@@ -109,12 +110,14 @@ def checked(values: Iterable[str]) -> None:
 
 def null_values(poisson_ratio: float) -> dict[str, float]:
     """Values at which effects are absent where that is what a test states, by name."""
-    return {
-        f"{effect.id}.{p.name}": poisson_ratio
-        for effect in acting().values()
-        for p in effect.parameters
-        if p.null is None
-    }
+    return dict.fromkeys(_stated(), poisson_ratio)
+
+
+@cache
+def _stated() -> tuple[str, ...]:
+    """Parameters whose null is what a test states."""
+    every = [(effect, p) for effect in acting().values() for p in effect.parameters]
+    return tuple(f"{effect.id}.{p.name}" for effect, p in every if p.null is None)
 
 
 def active_effects(values: Values, nulls: Values, freed: Iterable[str] = ()) -> Active:
@@ -130,6 +133,24 @@ def active_effects(values: Values, nulls: Values, freed: Iterable[str] = ()) -> 
         if own != null or effect.id in wanted:
             found.append((effect, own))
     return found
+
+
+def with_value(active: Active, name: str, value: float, nulls: Values) -> Active:
+    """Active effects where one more parameter (`effect.parameter`) has another value.
+
+    As `active_effects` of all values with that one changed, without looking at the others anew.
+    """
+    id_, _, parameter = name.partition(".")
+    rank = {known: number for number, known in enumerate(acting())}
+    effect = effect_named(id_)
+    rest = [(other, own) for other, own in active if other is not effect]
+    null = own_values(effect, {}, nulls)
+    before = next((own for other, own in active if other is effect), null)
+    own = {**before, parameter: value}
+    if own == null:
+        return rest
+    place = sum(rank[other.id] < rank[id_] for other, _ in rest)
+    return [*rest[:place], (effect, own), *rest[place:]]
 
 
 def describe(

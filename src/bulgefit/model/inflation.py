@@ -277,33 +277,33 @@ class Inflation:
             rim = self.mesh.rim
             guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
         forces = _Forces(self, membrane, given, changes)
+        # frame by frame into their places: they are hundreds of megabytes where fields are free
+        fields = np.empty((len(changes), *guesses.shape))
         alike = not changes and given.edge is None and given.eased is None
         quarter = self._mirrored(membrane, guesses) if alike else None
 
-        def one(frame: int) -> tuple[Floats, bool, int, int, Floats]:
+        def one(frame: int) -> tuple[Floats, bool, int, int]:
             if rest[frame]:
-                still = np.zeros_like(guesses[frame])
-                return still, True, 0, 0, np.zeros((len(changes), *still.shape))
+                fields[:, frame] = 0.0
+                return np.zeros_like(guesses[frame]), True, 0, 0
             if quarter is not None:
-                found = _by_quarter(
+                return _by_quarter(
                     membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
                 )
-                return *found, np.zeros((0, *guesses[frame].shape))
             own = membrane if given.eased is None else membrane.eased(float(given.eased[frame]))
             own = own if given.edge is None else own.pulled_at(given.edge[frame, :, :2])
             balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
-            fields = forces.fields(balance, frame)
-            spent = balance.factorisations
-            return balance.displacement, balance.stable, balance.wrinkled, spent, fields
+            if changes:
+                forces.fields(balance, frame, fields[:, frame])
+            return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
 
         frames = side_by_side(one, range(len(pressure)), threads)
-        shapes, stable, wrinkled, spent, fields = zip(*frames, strict=True)
-        columns = np.stack(fields, axis=1) if changes else np.empty((0,))
+        shapes, stable, wrinkled, spent = zip(*frames, strict=True)
         lost = pressure[~np.array(stable)].min(initial=np.inf)
         return Shapes(
             values,
             np.array(shapes),
-            dict(zip(changes, columns, strict=True)),
+            dict(zip(changes, fields, strict=True)),
             np.array(stable),
             float(pressure[pressure < lost].max(initial=0.0)) if np.isfinite(lost) else None,
             np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
@@ -384,6 +384,7 @@ class _Forces:
         )
         self._rates = {name: rate for name, c in changes.items() if (rate := c.rate).any()}
         self._moved, self._weighed = dict[str, _Moved](), dict[str, Floats]()
+        self._pulled = list[str]()
         self._clamped = dict[str, _Eased]()
         for name, change in changes.items():
             if not change.of_law:
@@ -397,11 +398,12 @@ class _Forces:
         ends = (change.below, change.above)
         below, above = (inflation.membrane(d, self._membrane) for d in ends)
         gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
-        moves_edge = any(d.edge is not None for d in ends)
-        if above.surface is not below.surface or moves_edge:
+        if any(d.edge is not None for d in ends):
+            self._pulled.append(name)
+        if above.surface is not below.surface:
             tilt = (above.surface.gradient - below.surface.gradient) / change.span
             moves = (above.reference - below.reference) / change.span
-            self._moved[name] = _Moved(moves, tilt, gain, moves_edge)
+            self._moved[name] = _Moved(moves, tilt, gain)
         elif gain.any():
             self._weighed[name] = gain
         if above.clamp is not None and below.clamp is not None:
@@ -409,24 +411,28 @@ class _Forces:
             if rate.any() or not np.array_equal(below.clamp.length, above.clamp.length):
                 self._clamped[name] = _Eased(below.clamp, above.clamp, rate, change.span)
 
-    def fields(self, balance: Equilibrium, frame: int) -> Floats:
-        """∂u/∂(each parameter), (parameters, n, 3)."""
-        if not self._changes:
-            return np.empty((0, *balance.displacement.shape))
+    def fields(self, balance: Equilibrium, frame: int, out: Floats) -> None:
+        """∂u/∂(each parameter), into out (parameters, n, 3)."""
         place = {name: number for number, name in enumerate(self._changes)}
         columns = np.zeros((len(place), self._membrane.linear.size))
         if self._law:
             found = self._membrane.law_changes(balance.displacement, self._before, self._after)
             for name, column in zip(self._law, found, strict=True):
                 columns[place[name]] += column / self._changes[name].span
-        edges = {name: self._edge(name, frame) for name, m in self._moved.items() if m.edge}
+        edges = {name: self._edge(name, frame) for name in self._pulled}
         # where the rim is held it goes along; springs are pulled at
         held = {name: np.where(self._membrane.fixed, edge, 0.0) for name, edge in edges.items()}
+        held = {name: edge for name, edge in held.items() if edge.any()}
         if self._moved:
             moves = np.array([m.moves + held.get(n, 0.0) for n, m in self._moved.items()])
             columns[[place[name] for name in self._moved]] += self._membrane.reference_changes(
                 balance.displacement, balance.pressure, self._stiffness, moves,
                 self._tilts, self._gains,
+            )  # fmt: skip
+        if alone := [name for name in held if name not in self._moved]:
+            columns[[place[name] for name in alone]] += self._membrane.tangent_product(
+                balance.displacement, balance.pressure, self._stiffness,
+                np.array([held[name] for name in alone]),
             )  # fmt: skip
         if self._weighed:
             columns[[place[name] for name in self._weighed]] += self._membrane.weight_changes(
@@ -444,10 +450,10 @@ class _Forces:
             by_pressure = -self._membrane.pressure_force(balance.displacement)
             for name, rate in self._rates.items():
                 columns[place[name]] += rate[frame] * by_pressure
-        out = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(-columns.T).T))
+        np.negative(columns, out=columns)
+        out[:] = self._membrane.spread(np.ascontiguousarray(balance.factor.solve(columns.T).T))
         for name, edge in held.items():
             out[place[name]] += edge
-        return out
 
     def _clamp(self, frame: int) -> Clamp | None:
         """The clamp as it gives in a frame."""
@@ -496,7 +502,7 @@ class _Eased:
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """Rates of a parameter's change: positions, shape gradients and weights, and if the rim moves.
+    """Rates of a parameter's change: of positions, shape gradients and weights.
 
     As `Membrane.reference_changes` takes them.
     """
@@ -504,7 +510,6 @@ class _Moved:
     moves: Floats
     tilt: Floats
     gain: Floats
-    edge: bool
 
 
 def _faded(mesh: Mesh) -> Floats:

@@ -34,6 +34,7 @@ from bulgefit.model.description import (
     checked,
     describe,
     null_values,
+    with_value,
 )
 from bulgefit.model.inflation import LEAST_PRESSURE, Change, Inflation, Shapes
 from bulgefit.model.observation import Operators, operators
@@ -176,10 +177,12 @@ class VirtualTest:
         self, values: Values, names: Iterable[str]
     ) -> tuple[Description, dict[str, Change]]:
         """What the values describe, and how that changes with the names that change it."""
-        slips = False
+        slips, active = False, active_effects(values, self.nulls())
         while True:
-            here = self._describe(values, slips=slips)
-            changes = {n: self._change(n, values, here, slips) for n in names if _of_fabric(n)}
+            here = self._describe(values, active, slips=slips)
+            changes = {
+                n: self._change(n, values, active, here, slips) for n in names if _of_fabric(n)
+            }
             ends = [d for c in changes.values() for d in (c.below, c.above)]
             if slips or here.fabric.compliance is not None:
                 break
@@ -197,12 +200,12 @@ class VirtualTest:
     def _describe(
         self,
         values: Values,
+        active: Active,
         *,
         slips: bool,
         beside: Description | None = None,
         hooks: Iterable[str] = (),
     ) -> Description:
-        active = active_effects(values, self.nulls())
         test = self.test
         return describe(
             self.mesh, test.radius, self.recorded, self.time, values, active,
@@ -211,7 +214,8 @@ class VirtualTest:
 
     def description(self, values: Values) -> Description:
         """The specimen in its clamp under its load."""
-        return self._describe({"nu12": self.test.poisson_ratio, **values}, slips=False)
+        given = {"nu12": self.test.poisson_ratio, **values}
+        return self._describe(given, active_effects(given, self.nulls()), slips=False)
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
@@ -220,14 +224,20 @@ class VirtualTest:
             load = effect.load(own, load)
         return load
 
-    def _change(self, name: str, values: Values, here: Description, slips: bool) -> Change:
-        low, high = self.span(name, values)
+    def _change(
+        self, name: str, values: Values, active: Active, here: Description, slips: bool
+    ) -> Change:
+        ends, nulls = self.span(name, values), self.nulls()
         hooks = ["material"] if name in CONSTANTS else [h for h in _SHAPING if _uses(name, h)]
         below, above = (
-            self._describe({**values, name: v}, slips=slips, beside=here, hooks=hooks)
-            for v in (low, high)
-        )
-        return Change(below, above, high - low)
+            self._describe(
+                {**values, name: value},
+                active if name in CONSTANTS else with_value(active, name, value, nulls),
+                slips=slips, beside=here, hooks=hooks,
+            )
+            for value in ends
+        )  # fmt: skip
+        return Change(below, above, ends[1] - ends[0])
 
     def span(self, name: str, values: Values) -> tuple[float, float]:
         """Values below and above a parameter's."""
@@ -395,7 +405,7 @@ class Sight:
         """(names, frames, points, 3), as in `Prediction`."""
         rows = np.zeros((len(self.names), *self.displacement.shape))
         for row, name in zip(rows, self.names, strict=True):
-            self._into(row, name)
+            self.add(row, name)
         return rows
 
     def gathered(self, pull: Floats, group: NDArray[np.intp] | None = None) -> Floats:
@@ -427,7 +437,7 @@ class Sight:
         for one, name, own in zip(out, self.names, of_nodes, strict=True):
             if not own:
                 row = np.zeros(self.displacement.shape)
-                self._into(row, name)
+                self.add(row, name)
                 np.add.at(one, group, np.einsum("kmc,kmc->mk", row, pull))
         return out
 
@@ -441,8 +451,8 @@ class Sight:
         """Whether the cameras report the fabric's displacement as it is, but for a shift."""
         return not self.scene.turn.any() and not any(e.uses("see") for e, _ in self.active)
 
-    def _into(self, row: Floats, name: str) -> None:
-        """Add a name's derivative."""
+    def add(self, row: Floats, name: str) -> None:
+        """Add the derivative by a name to a row (frames, points, 3)."""
         change = self._of_fabric(name)
         if change is not None:
             row += self.passage.through()(change)
@@ -466,7 +476,7 @@ class Sight:
         ends = []
         for value in (low, high):
             values = {**self.shapes.values, name: value}
-            active = active_effects(values, self.virtual.nulls())
+            active = with_value(self.active, name, value, self.virtual.nulls())
             moves = name in self.moves
             places = self.virtual.place(self.reference, active) if moves else self.places
             ends.append((values, active, places))

@@ -45,15 +45,21 @@ def _read(path: Path, ask: Ask) -> list[Frame]:
 
 def _field(path: Path) -> dict[str, NDArray[Any]]:
     damaged = InputError(f"{path}: not a .vc7 file, or damaged; copy it again, or export CSV")
+    seconds = _PATIENCE + path.stat().st_size / _SPEED
     try:
         answer = subprocess.run(
             [sys.executable, vc7_worker.__file__, str(path.resolve())],
             capture_output=True,
             check=True,
-            timeout=_PATIENCE + path.stat().st_size / _SPEED,
+            timeout=seconds,
         ).stdout
-    except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
+    except subprocess.CalledProcessError:
         raise damaged from None
+    except subprocess.TimeoutExpired:
+        raise InputError(
+            f"{path}: was not read within {seconds:.0f} s; it is damaged, or the disk or the "
+            "machine is slow: try again, copy it again, or export CSV"
+        ) from None
     if answer == b"!lvpyio":
         raise InputError(
             f"{path}: .vc7 is read by lvpyio; install bulgefit[davis], or export CSV from DaVis"

@@ -64,11 +64,10 @@ class DriftField(Field):
 def _seen(own: Own, unit: Floats, share: Floats) -> Floats:
     """The field (frames, n, 3) mm at points (n, 2) of the unit disc and shares of the time."""
     x, y = unit.T
-    out = np.zeros((len(share), len(unit), 3))
-    for name, (axis, i, j, k) in zip(_NAMES, _SHARES, strict=True):
-        if own[name]:
-            out[:, :, "xyz".index(axis)] += own[name] * np.outer(share**k, x**i * y**j)
-    return out
+    along = np.stack([share**k for k in _PACES], axis=1)
+    over = np.stack([x**i * y**j for i, j in _POWERS], axis=1)
+    size = np.array([own[name] for name in _NAMES]).reshape(3, len(_POWERS), len(_PACES))
+    return np.asarray(over @ np.tensordot(along, size, (1, 2)).swapaxes(1, 2))
 
 
 EFFECT = DriftField()

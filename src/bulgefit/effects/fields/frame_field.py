@@ -60,13 +60,11 @@ class FrameField(Field):
 
 def _seen(own: Own, unit: Floats, pressure: Floats) -> Floats:
     """The field (frames, n, 3) mm at points (n, 2) of the unit disc."""
-    way = np.pi * pressure / pressure.max()
     x, y = unit.T
-    out = np.zeros((len(pressure), len(unit), 3))
-    for name, (axis, i, j, k) in zip(_NAMES, _SHARES, strict=True):
-        if own[name]:
-            out[:, :, "xyz".index(axis)] += own[name] * np.outer(np.cos(k * way), x**i * y**j)
-    return out
+    along = np.cos(np.outer(np.pi * pressure / pressure.max(), range(_WAYS)))
+    over = np.stack([x**i * y**j for i, j in _POWERS], axis=1)
+    size = np.array([own[name] for name in _NAMES]).reshape(3, len(_POWERS), _WAYS)
+    return np.asarray(over @ np.tensordot(along, size, (1, 2)).swapaxes(1, 2))
 
 
 EFFECT = FrameField()

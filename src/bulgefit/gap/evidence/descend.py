@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,8 +40,9 @@ class Fit:
     here : Linearised
         By the model's coordinates, where the descent ended.
     score : float
-        -2 ln Z by Laplace's approximation there; of a descent that did not converge, as if where it
-        ended were the most probable.
+        -2 ln of Z, by Laplace's approximation there, times the model's probability before any data
+        (`Layout.believed`); of a descent that did not converge, as if where it ended were the most
+        probable.
     covariance : (p, p) array
         Of the model's coordinates.
     converged : bool
@@ -60,6 +61,10 @@ class Fit:
     def x(self) -> Floats:
         """All coordinates."""
         return self.here.x
+
+    def lighter(self, problem: Problem) -> Fit:
+        """The same without what only makes a neighbour's solve sooner."""
+        return replace(self, here=replace(self.here, near=problem.lighter(self.here.near)))
 
 
 def descend(
@@ -157,6 +162,7 @@ def descend(
     found = laplace(here, layout, columns, problem.inflation)
     # where a step that was not taken would lead is no evidence
     score = found.score if converged else found.score + found.ahead
+    score += layout.believed(model)
     return Fit(model, here.light(), score, found.covariance, converged, taken)
 
 

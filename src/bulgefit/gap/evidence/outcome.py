@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,42 @@ from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["regression_of"]
+__all__ = ["Seen", "regression_of", "seen_by"]
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a fit predicts, without the derivatives that a regression is told by.
+
+    Attributes
+    ----------
+    keys : tuple of Key
+        Freed parameters, and offsets of points.
+    predictions : list of Prediction
+        With the offsets.
+    """
+
+    keys: tuple[Key, ...]
+    predictions: list[Prediction]
+
+
+def seen_by(weighing: Weighing, fit: Fit) -> Seen:
+    """What a fit predicts of each specimen: all that is asked of most of them."""
+    keys, free = _keys(weighing, fit)
+    seen = []
+    for d, shapes in zip(weighing.data, fit.here.near, strict=True):
+        prediction = d.specimen.observe(shapes)
+        seen.append(_slim(prediction, _offset(d, prediction) if free else None))
+    return Seen((*keys, *free), seen)
+
+
+def _keys(weighing: Weighing, fit: Fit) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
+    """Of a fit's coordinates, and of the offsets beside them."""
+    every = weighing.coordinates.every
+    free = () if weighing.offsets is None else offsets_of_points(len(weighing.data))
+    return tuple(every[c].key for c in fit.here.columns), free
 
 
 def regression_of(weighing: Weighing, fit: Fit) -> Regression:
@@ -31,12 +65,11 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     """
     every, columns = weighing.coordinates.every, fit.here.columns
     chosen = [every[c] for c in columns]
-    keys = tuple(c.key for c in chosen)
+    keys, free = _keys(weighing, fit)
     predictions = []
     for index, (d, shapes) in enumerate(zip(weighing.data, fit.here.near, strict=True)):
         names = [every[c].key.name for c in weighing.coordinates.of_specimen(columns, index)]
         predictions.append(d.specimen.observe(shapes, names))
-    free = () if weighing.offsets is None else offsets_of_points(len(weighing.data))
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
     known = _prior(chosen, fit.x[columns], weighing.inflation)

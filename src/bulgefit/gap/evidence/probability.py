@@ -1,8 +1,7 @@
 """How sure is each group? From the evidence of all models that were visited.
 
-A model's probability is exp(-score/2T) over the sum of the same, its score being -2 ln Z and T the
-temper: what the residual's smooth modes hold over what correlated noise would (`temper`). A model
-that misses by more than the noise is thus as sure as the noise that it leaves lets it be.
+A model's probability is its evidence times what it was before any data (`Layout.believed`) over the
+sum of the same.
 
 Not all models are visited. Where many groups have no say there would be no end of them, and those
 that lack one of the best model's are then missing as those that lack two, three and more of them
@@ -70,20 +69,18 @@ class Weighed:
         return tuple(found)
 
 
-def weighed(scores: Mapping[Model, float], temper: float, names: Iterable[Owned]) -> Weighed:
-    """Probabilities of models by their scores, -2 ln Z.
+def weighed(scores: Mapping[Model, float], names: Iterable[Owned]) -> Weighed:
+    """Probabilities of models by their scores.
 
     Parameters
     ----------
     scores : mapping of Model to float
-        Fitted, or forecast where they were not.
-    temper : float
-        1 or more.
+        -2 ln of what is in proportion to them (`Search.scores`).
     names : iterable of Owned
         Groups that were candidates; those in no model have probability 0.
     """
     order = sorted(scores, key=lambda model: scores[model])
-    raw = np.exp(-0.5 * (np.array([scores[m] for m in order]) - scores[order[0]]) / temper)
+    raw = np.exp(-0.5 * (np.array([scores[m] for m in order]) - scores[order[0]]))
     models = dict(zip(order, (raw / raw.sum()).tolist(), strict=True))
     found = {*names, *(name for model in models for name, _ in model)}
     return Weighed(models, {name: _paired(models, order[0], name) for name in sorted(found)})

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import betainc, betaln
 
 from bulgefit.effects.parameter import Owned
 
@@ -154,6 +155,10 @@ class Problem(Protocol):
         """
         ...
 
+    def lighter(self, near: Any) -> Any:
+        """`near` without what only makes a neighbour's solve sooner, where many are kept."""
+        ...
+
     def again(self, here: Linearised, x: Floats) -> Linearised:
         """The misfit at x by the derivatives `here`, which cost much more than the misfit.
 
@@ -185,6 +190,7 @@ class Layout:
     governor: Columns = field(init=False)
     period: Floats = field(init=False)
     _first: dict[Owned, int] = field(init=False)
+    _of_count: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         count, first, governors = 0, {}, list[Columns]()
@@ -199,6 +205,8 @@ class Layout:
         object.__setattr__(self, "governor", np.concatenate(governors))
         periods = [g.period or np.full(len(g.null), np.inf) for g in self.groups.values()]
         object.__setattr__(self, "period", np.concatenate(periods).astype(np.float64))
+        free = sum(not g.always for g in self.groups.values())
+        object.__setattr__(self, "_of_count", _of_count(free))
 
     @classmethod
     def of(cls, groups: Iterable[Group]) -> Layout:
@@ -217,6 +225,14 @@ class Layout:
             for index in self.groups[name].shapes[form]
         ]
         return np.array(sorted(out), dtype=np.intp)
+
+    def believed(self, model: Model) -> float:
+        """-2 ln of a model's probability before any data (`_of_count`).
+
+        Forms of a group share the group's.
+        """
+        forms = sum(np.log(len(self.groups[name].shapes)) for name, _ in sorted(model))
+        return float(self._of_count[len(model)] + 2.0 * forms)
 
     def without(self, gone: Columns, kept: Columns, x: Floats) -> Floats:
         """Where coordinates are that a model lacks: at their null, or where they mean nothing.
@@ -256,3 +272,17 @@ class Layout:
     def part(self, name: Owned) -> slice:
         """Where a group's coordinates stand."""
         return slice(self._first[name], self._first[name] + len(self.groups[name].null))
+
+
+def _of_count(free: int) -> Floats:
+    """-2 ln of the probability of one model of 0, 1, ..., `free` groups, before any data.
+
+    Each group is there with the same probability w, and nothing is known of w but that no group is
+    likelier there than not: the integral of 2 w^k (1 - w)^(m - k) over 0 < w < 1/2. With models
+    alike probable w would be 1/2, half of all groups expected, and of forty that are not there a
+    few would look likely by chance (Scott and Berger, 2010, "Bayes and empirical-Bayes multiplicity
+    adjustment in the variable-selection problem").
+    """
+    k = np.arange(free + 1.0)
+    whole = betaln(k + 1.0, free - k + 1.0) + np.log(betainc(k + 1.0, free - k + 1.0, 0.5))
+    return np.asarray(-2.0 * (np.log(2.0) + whole), dtype=np.float64)

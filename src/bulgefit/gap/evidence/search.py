@@ -61,6 +61,8 @@ class Search(Generic[Kind]):
     renewed : set of Model
         Those from which one group was tried in the place of several, and other sides of what is
         periodic.
+    looked : list of (Problem, names, Fit, Linearised)
+        Where the search looked around last, which it is asked for more than once.
     """
 
     problem: Kind
@@ -71,6 +73,7 @@ class Search(Generic[Kind]):
     roughly: bool = False
     share: float = 0.0
     renewed: set[Model] = field(default_factory=set)
+    looked: list[tuple[Kind, tuple[Owned, ...], Fit, Linearised]] = field(default_factory=list)
 
     @property
     def best(self) -> Fit:
@@ -108,8 +111,15 @@ class Search(Generic[Kind]):
             return self.fits.get(model)
         known = self.fits.get(model)
         if known is None or found.score < known.score:
+            before = self.best if self.fits else found
             self.fits[model] = found
+            self._let_go(before if found.score < before.score else found)
         return self.fits[model]
+
+    def _let_go(self, fit: Fit) -> None:
+        """What only makes a neighbour's solve sooner, of a fit that is not the best of all."""
+        if fit is not self.best and self.fits.get(fit.model) is fit:
+            self.fits[fit.model] = fit.lighter(self.problem)
 
     def around(self, fit: Fit) -> Linearised:
         """The misfit at a fit by every coordinate that may be freed.
@@ -117,10 +127,19 @@ class Search(Generic[Kind]):
         What is periodic, and means nothing in the model, stands at the side from which its group
         takes off most.
         """
+        for problem, names, of, around in self.looked:
+            same = problem is self.problem and names == self.names and of.model == fit.model
+            if same and np.array_equal(of.x, fit.x):
+                return around
         whole, x = self.layout.whole(self.names), fit.x
         for _, at in self.layout.turning(whole - self._of(fit.model)):
             x = min(self.layout.sides(x, at), key=partial(self._left, fit, int(at)))
-        return self.problem.linearise(x, self.layout.columns(whole), fit.here.near)
+        columns = self.layout.columns(whole)
+        if x is fit.x and np.array_equal(columns, fit.here.columns):
+            return fit.here
+        found = self.problem.linearise(x, columns, fit.here.near).light()
+        self.looked[:] = [(self.problem, self.names, fit, found)]
+        return found
 
     def _of(self, model: Model) -> Model:
         """The groups of a model in their largest form."""
@@ -173,9 +192,26 @@ class Search(Generic[Kind]):
             self.fits[best.model] = found
             if self.best is found:
                 close.improved(found)
+            if self.best is found:
+                self._without_each(found)
+
+    def _without_each(self, fit: Fit) -> None:
+        """Drops from a fit, each fitted, until one of them is the best model.
+
+        A group may hold the others in a valley that none of them would stay in: what they would do
+        without it is on the other side, and no forecast sees it.
+        """
+        rough = replace(self, roughly=True, share=_GROWN)
+        for model in self._smaller(fit.model):
+            if model not in self.fits:
+                rough.fit(model, fit.x, fit.here.near)
+                if self.best is not fit:
+                    return
 
     def scores(self, temper: float) -> dict[Model, float]:
-        """-2 ln Z of every model that was fitted, and of those whose share counts by forecast.
+        """Of every model that was fitted, and of those whose share counts by forecast.
+
+        -2 ln of its probability, but for what is common to all.
 
         Looked around in is what holds more than a thousandth of the best one's probability: drops
         from it, generation by generation, then a growth of each of these, and of what that leads
@@ -187,19 +223,26 @@ class Search(Generic[Kind]):
         Parameters
         ----------
         temper : float
-            By which differences of the evidence are divided (`weighed`).
+            By which differences of the evidence are divided (`temper`): what the residual's smooth
+            modes hold over what correlated noise would. A model that misses by more than the noise
+            is thus as sure as the noise that it leaves lets it be.
         """
         best = self.best
         forecast = self._forecasts(self.around(best), best.model)
-        reach = best.score + 2.0 * temper * np.log(1.0 / LEAST_SHARE)
-        known = {model: fit.score for model, fit in self.fits.items()}
+
+        def tempered(model: Model, score: float) -> float:
+            before = self.layout.believed(model)
+            return (score - before) / temper + before
+
+        known = {model: tempered(model, fit.score) for model, fit in self.fits.items()}
+        reach = known[best.model] + 2.0 * np.log(1.0 / LEAST_SHARE)
 
         def within(models: Iterable[Model]) -> list[Model]:
             new = [m for m in dict.fromkeys(models) if m not in gone]
             gone.update(new)
             for m in new:
                 if m not in known:
-                    known[m] = max(forecast(m), best.score)
+                    known[m] = max(tempered(m, forecast(m)), known[best.model])
             return [m for m in new if known[m] < reach]
 
         gone = {best.model}
@@ -224,7 +267,7 @@ class Search(Generic[Kind]):
         return None
 
     def promise(self, fit: Fit) -> float:
-        """-2 ln Z of what is left when all is taken out that the forecast can do without."""
+        """Score of what is left when all is taken out that the forecast can do without."""
         return self._path(fit.model, self.around(fit))[1]
 
     def _path(self, model: Model, around: Linearised) -> tuple[list[Model], float]:
@@ -325,10 +368,10 @@ class Search(Generic[Kind]):
         return found if found is not None else self.fit(model, around.x, around.near)
 
     def _forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
-        """-2 ln Z of models near one, by the misfit near a fit."""
-        columns = self.layout.columns(model)
-        found = Forecast.of(around, self.layout, columns, self.problem.inflation)
-        return lambda other: found.score(self.layout.columns(other))
+        """Scores of models near one, by the misfit near a fit."""
+        layout = self.layout
+        found = Forecast.of(around, layout, layout.columns(model), self.problem.inflation)
+        return lambda other: found.score(layout.columns(other)) + layout.believed(other)
 
     def _smaller(self, model: Model) -> Iterator[Model]:
         """One group less, or one in its next smaller form."""

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
@@ -24,7 +23,8 @@ from bulgefit.gap.evidence.heights import (
 from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.virtual_test import Sight
+from bulgefit.parallel.threads import side_by_side
 
 __all__ = ["Weighing"]
 
@@ -122,16 +122,19 @@ class Weighing:
         gram, shapes, rows = np.zeros((size, size)), list[Shapes](), list[Floats]()
         for index, d in enumerate(self.data):
             own = self.coordinates.of_specimen(columns, index)
-            found = self._stable(x, own, index, None if near is None else near[index])
+            found = self.seen(x, own, index, None if near is None else near[index])
             shapes.append(found.shapes)
             place = np.append(np.searchsorted(columns, own), size - 1)
             white = self._whitened(index, self._rows(d, found, x, own))
-            upper = dsyrk(1.0, white.T, trans=1)
-            gram[np.ix_(place, place)] += upper + np.triu(upper, 1).T
+            gram[np.ix_(place, place)] += _gram(white, d.specimen.threads)
             rows.append(white)
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
         )
+
+    def lighter(self, near: Sequence[Shapes]) -> list[Shapes]:
+        """See `Problem`: shapes without derivatives, half a megabyte each."""
+        return [replace(shapes, derivative={}) for shapes in near]
 
     def again(self, here: Linearised, x: Floats) -> Linearised:
         """See `Problem`."""
@@ -140,38 +143,38 @@ class Weighing:
             own = self.coordinates.of_specimen(here.columns, index)
             # with derivatives by the moduli a path is the one that derivatives are then taken of
             moduli = [c for c in own if not self.coordinates.every[c].key.effect]
-            found = self._stable(x, moduli, index, near)
-            still = replace(found, derivative=found.derivative[:0])
-            (residual,) = self._whitened(index, self._rows(d, still, x, []))
+            found = self.seen(x, moduli, index, near)
+            (residual,) = self._whitened(index, self._rows(d, found, x, []))
             gradient[np.searchsorted(here.columns, own)] += rows[:-1] @ residual
             square += float(residual @ residual)
             # the next point is found from this one the sooner by derivatives from near it
             shapes.append(replace(found.shapes, derivative=near.derivative))
         return replace(here, x=np.array(x), square=square, gradient=gradient, near=shapes)
 
-    def _stable(
-        self, x: Floats, columns: Sequence[int], index: int, near: Shapes | None
-    ) -> Prediction:
-        """`predicted`, unless a step from `near` loses stability; raises SolveError."""
-        found = self.predicted(x, columns, index, near)
-        if near is not None and _loses_stability(near, found.shapes):
-            raise _lost_stability(self.data[index], found)
-        return found
+    def seen(
+        self, x: Floats, columns: Sequence[int], index: int, near: Shapes | None = None
+    ) -> Sight:
+        """One specimen as the cameras see it, with derivatives by some of its coordinates at hand.
 
-    def predicted(
-        self, x: Floats, columns: Sequence[int], index: int, near: Any = None
-    ) -> Prediction:
-        """One specimen's displacements with derivatives by some of its coordinates."""
+        Raises
+        ------
+        SolveError
+            Nothing balances, or a step from `near` loses stability.
+        """
         names = [self.coordinates.every[c].key.name for c in columns]
         specimen, values = self.data[index].specimen, self.coordinates.values(x, index)
         try:
-            return specimen.predict(values, names, near)
+            shapes = specimen.shapes(values, names, near)
+            found = specimen.sight(shapes, names)
         except NotPositiveDefiniteError as error:
             # moduli so far off that a tangent is nothing to the last digit
             raise _no_shape(f"the tangent cannot be solved ({error})", values) from error
         except InputError as error:
             # nobody gave these values: a linear step led to moduli that no fabric can have
             raise _no_shape(f"there is no such fabric ({error})", values) from error
+        if near is not None and _loses_stability(near, shapes):
+            raise _lost_stability(self.data[index], shapes)
+        return found
 
     def _whitened(self, index: int, rows: Floats) -> Floats:
         """Rows (k, frames, points, 3) with products as offsets, mesh and misfit leave them.
@@ -206,7 +209,7 @@ class Weighing:
         used = self.data[index].used
         return rows[:, : used.size].reshape(len(rows), *used.shape)
 
-    def _rows(self, d: Data, found: Prediction, x: Floats, columns: Sequence[int]) -> Floats:
+    def _rows(self, d: Data, found: Sight, x: Floats, columns: Sequence[int]) -> Floats:
         """Derivatives by coordinates and the residual, in noise units.
 
         (columns + 1, frames, points, 3), with a frame more for heights before inflation.
@@ -215,13 +218,27 @@ class Weighing:
         slopes = [k.parameter.slope(k.value(x[c])) for k, c in zip(chosen, columns, strict=True)]
         frames, *rest = weight.shape
         rows = np.zeros((len(columns) + 1, frames + (d.heights is not None), *rest))
-        for row, slope, derivative in zip(rows[:-1], slopes, found.derivative, strict=True):
-            np.multiply(derivative, slope * weight, out=row[:frames])
+
+        def fill(number: int) -> None:
+            row = rows[number, :frames]
+            found.add(row, chosen[number].key.name)
+            row *= slopes[number] * weight
+
+        side_by_side(fill, range(len(chosen)), d.specimen.threads)
         rows[-1, :frames] = d.residual(found)
         if d.heights is not None:
             heights = height_rows(d, found.shapes.values, [k.key.name for k in chosen])
             rows[:, -1, :, 2] = heights * np.append(slopes, 1.0)[:, None]
         return rows
+
+
+def _gram(rows: Floats, threads: int) -> Floats:
+    """Products of rows (k, values): of halves of the values, which two threads may work on."""
+    half = rows.shape[1] // 2
+    first, second = side_by_side(
+        lambda part: part @ part.T, (rows[:, :half], rows[:, half:]), threads
+    )
+    return first + second
 
 
 def _frames_that_count(d: Data) -> Floats:
@@ -267,10 +284,10 @@ def _loses_stability(before: Shapes, after: Shapes) -> bool:
     return bool((before.stable & ~after.stable).any()) and before.values != after.values
 
 
-def _lost_stability(d: Data, found: Prediction) -> SolveError:
+def _lost_stability(d: Data, found: Shapes) -> SolveError:
     """Beyond it fields are as wild as the mesh allows: no step leads there."""
-    first = float(d.specimen.recorded[~found.shapes.stable].min())
-    return _no_shape("the fabric loses its stability", found.shapes.values, first)
+    first = float(d.specimen.recorded[~found.stable].min())
+    return _no_shape("the fabric loses its stability", found.values, first)
 
 
 def _no_shape(reason: str, values: Mapping[str, float], pressure: float = 0.0) -> SolveError:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import has_offsets
-from bulgefit.gap.regress import Regression
+from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["Cell", "Structure", "cells_of", "structure"]
+__all__ = ["Cell", "Predicted", "Structure", "cells_of", "structure"]
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +36,24 @@ LEVEL = 1e-3
 #: Products below which nothing is said of them.
 _FEW = 100
 _NAMES = ("dx", "dy", "dz")
+
+
+class Predicted(Protocol):
+    """What a fit predicts of each specimen, and by which keys.
+
+    Attributes
+    ----------
+    keys : tuple of Key
+        Freed parameters, and offsets of points.
+    predictions : sequence of Prediction
+        With the offsets; derivatives are not asked for.
+    """
+
+    @property
+    def keys(self) -> tuple[Key, ...]: ...
+
+    @property
+    def predictions(self) -> Sequence[Prediction]: ...
 
 
 @dataclass(frozen=True)
@@ -107,7 +126,7 @@ class Structure:
     cells: list[Cell]
 
 
-def structure(data: Sequence[Data], fit: Regression) -> Structure:
+def structure(data: Sequence[Data], fit: Predicted) -> Structure:
     """Test the regional means of the residual against correlated noise."""
     cells: list[Cell] = []
     shares, smooth_shares = [], []

@@ -1,0 +1,59 @@
+"""How long will a diagnosis still take? By how long it has taken so far, stage by stage.
+
+What is to come depends on what is found: where all that has names leaves nothing but noise, no
+fields are freed, and the fewer causes there are, the fewer models are tried. So the time left is
+told as a range, which narrows from stage to stage.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from enum import Enum
+
+__all__ = ["Pace", "Stage"]
+
+
+class Stage(Enum):
+    """What begins."""
+
+    TOGETHER = "everything at once"
+    SEARCH = "models of what has a name"
+    FIELDS = "beside fields, since that leaves more than noise"
+    UNITS = "units anew"
+    POINTS = "by all points"
+    PARTS = "without each part"
+    REST = "what follows from it"
+
+
+#: Least and most of the time so far that is left when a stage begins: the extremes of made tests
+#: (benchmarks/diagnosis.py, `--pace`), rounded outwards. On another machine, and of more points,
+#: all is as much slower or faster.
+_AHEAD = {
+    Stage.TOGETHER: (2.0, 30.0),
+    Stage.SEARCH: (0.7, 12.0),
+    Stage.FIELDS: (0.7, 5.0),
+    Stage.UNITS: (0.4, 2.0),
+    Stage.POINTS: (0.1, 0.8),
+    Stage.PARTS: (0.05, 0.6),
+    Stage.REST: (0.01, 0.1),
+}
+
+
+class Pace:
+    """Tells the time left.
+
+    Parameters
+    ----------
+    left : callable
+        Told the least and the most seconds that are left, whenever a stage begins.
+    """
+
+    def __init__(self, left: Callable[[float, float], None] = lambda least, most: None) -> None:
+        self._left, self._began = left, time.monotonic()
+
+    def begins(self, stage: Stage) -> None:
+        """Tell what is left from here on."""
+        least, most = _AHEAD[stage]
+        spent = time.monotonic() - self._began
+        self._left(least * spent, most * spent)
