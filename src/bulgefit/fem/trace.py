@@ -547,9 +547,6 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             except NewtonError as error:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
-    if tracer.elliptic and not tracer.is_elliptic(last.displacement):
-        # the mesh held the bands back up to here
-        raise _lost_at(tracer, beyond, last.s)
     raise _given_up(tracer, failure, last.s)
 
 
