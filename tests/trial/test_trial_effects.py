@@ -10,8 +10,9 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from bulgefit.fem.membrane import Fabric, Membrane
+from bulgefit.trial.accuracy import moduli_errors
 from bulgefit.trial.camera import Setting, material_points
-from bulgefit.trial.cloth import evenness, stiffness
+from bulgefit.trial.cloth import evenness, laminate, moduli_about, stiffness
 from bulgefit.trial.draw import Draw, Wave
 from bulgefit.trial.fabric import balance
 from bulgefit.trial.gauge import recorded_load, true_load
@@ -430,3 +431,35 @@ def test_a_crossed_ply_mixes_warp_and_fill(setting):
         {"E1": modulus, "E2": modulus, "G12": MODULI["G12"]},
     )  # fmt: skip
     np.testing.assert_allclose(crossed, noise_free(balanced, setting, 8)[1], atol=1e-6)
+
+
+def test_moduli_of_plies_askew_are_those_of_all_about_the_axes_that_are_told():
+    """All of the thickness turned: the ply's own about its warp. Half of it: those between."""
+
+    def plies(share: float) -> np.ndarray:
+        told = {"rotated_ply.angle": 30.0, "rotated_ply.share": share}
+        return laminate(Draw(("rotated_ply",), told, (), MODULI))
+
+    assert moduli_about(plies(0.0), 0.0) == pytest.approx(MODULI, rel=1e-12)
+    assert moduli_about(plies(1.0), 30.0) == pytest.approx(MODULI, rel=1e-12)
+    # alike about 0 and 30 degrees, so the axis between is one of symmetry
+    half, turn = plies(0.5), 10.0
+    either = [moduli_about(half, 15.0 + side * turn) for side in (-1.0, 1.0)]
+    assert either[0] == pytest.approx(either[1], rel=1e-12)
+    assert moduli_about(half, 15.0)["G12"] > MODULI["G12"]
+    found = moduli_about(half, 15.0)
+    record = {
+        "truth": {
+            "moduli": MODULI, "effects": ["rotated_ply"], "stiffness_MPa": half.tolist(),
+            "parameters": {"rotated_ply": {}},
+        },
+        "answer": {
+            "causes": [{"effect": "axis_misalignment", "parameters": {"angle": {"value": 15.0}}}],
+            "parameters": {
+                "corrected": {n: {"value": 1.01 * v, "stderr": 0.01 * v} for n, v in found.items()}
+            },
+        },
+    }  # fmt: skip
+    for in_stderr, relative in moduli_errors(record):
+        assert in_stderr == pytest.approx(1.0, rel=1e-9)
+        assert relative == pytest.approx(0.01, rel=1e-9)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bulgefit.trial.cloth import moduli_about
 from bulgefit.trial.known import SILENT
 from bulgefit.trial.right import Record, is_right
 from bulgefit.trial.shares import share
@@ -71,13 +72,23 @@ def _error(told: Mapping[str, Any], true: float, scale: float) -> tuple[float | 
 def moduli_errors(record: Record) -> list[tuple[float | None, float | None]]:
     """Errors of E1, E2, G12 once the causes are added, where they can be known.
 
-    Of a family the law is judged instead.
+    Of a family the law is judged instead. Of plies that lie askew those of all of them are meant,
+    about the axes that the answer has: about such as lie between the plies' they may be orthotropic.
     """
     if "specimens" in record["truth"] or any(e in SILENT for e in record["truth"]["effects"]):
         return []
     told = record["answer"].get("parameters", {}).get("corrected", {})
     true = record["truth"]["moduli"]
+    if (whole := record["truth"].get("stiffness_MPa")) is not None:
+        true = moduli_about(np.array(whole), _turn(record))
     return [_error(told[n], true[n], true[n]) for n in true if n in told]
+
+
+def _turn(record: Record) -> float:
+    """Degrees by which the answer's warp is turned against the true one."""
+    true = record["truth"]["parameters"].get("axis_misalignment", {}).get("angle", 0.0)
+    told = [c for c in record["answer"].get("causes", ()) if c["effect"] == "axis_misalignment"]
+    return sum(float(c["parameters"]["angle"]["value"]) for c in told[:1]) - float(true)
 
 
 def summary(errors: Sequence[tuple[float | None, float | None]]) -> dict[str, Any]:

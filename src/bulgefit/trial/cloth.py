@@ -14,7 +14,7 @@ from bulgefit.fem.mesh import Mesh
 from bulgefit.trial.draw import Draw
 from bulgefit.trial.rim import degrees_apart
 
-__all__ = ["evenness", "law_of", "stiffness", "turn_ply"]
+__all__ = ["evenness", "laminate", "law_of", "moduli_about", "stiffness", "turn_ply"]
 
 Floats = NDArray[np.float64]
 
@@ -23,6 +23,36 @@ def stiffness(drawn: Draw) -> Floats:
     """Plane-stress stiffness (4,) MPa."""
     m = drawn.moduli
     return orthotropic_stiffness(m["E1"], m["E2"], m["G12"], drawn.nu12)
+
+
+def laminate(drawn: Draw) -> Floats:
+    """Plane-stress stiffness (3, 3) MPa about the warp, of all plies by their thickness."""
+    d11, d22, d12, d33 = stiffness(drawn)
+    ply = np.array([[d11, d12, 0.0], [d12, d22, 0.0], [0.0, 0.0, d33]])
+    share = drawn.get("rotated_ply.share")
+    return (1.0 - share) * ply + share * _about(ply, -drawn.get("rotated_ply.angle"))
+
+
+def moduli_about(whole: Floats, angle: float) -> dict[str, float]:
+    """E1, E2, G12 (MPa) of a stiffness (3, 3) MPa about axes that are turned by degrees.
+
+    Those of the orthotropic part of it: what couples shear with extension is no modulus' business.
+    """
+    turned = _about(whole, angle)
+    even = 1.0 - turned[0, 1] ** 2 / (turned[0, 0] * turned[1, 1])
+    return {"E1": turned[0, 0] * even, "E2": turned[1, 1] * even, "G12": turned[2, 2]}
+
+
+def _about(whole: Floats, angle: float) -> Floats:
+    """The same stiffness about axes that are turned by degrees (Jones, 1999, section 2.6).
+
+    Strains (e1, e2, 2 e12) about the given axes from those about the turned ones; the energy stays.
+    """
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    back = np.array(
+        [[c * c, s * s, -c * s], [s * s, c * c, c * s], [2 * c * s, -2 * c * s, c * c - s * s]]
+    )
+    return back.T @ whole @ back
 
 
 def law_of(drawn: Draw) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
+from bulgefit.trial.cloth import laminate
 from bulgefit.trial.draw import Draw, draw, enlarged, firmer, kind_of
 from bulgefit.trial.fabric import UnstableDrawError
 from bulgefit.trial.foreign import FOREIGN
@@ -46,7 +47,8 @@ class Made:
     test : BulgeTest
     truth : dict
         `kind` (none, one, two, several, foreign), `effects`, `parameters` (effect to name to
-        value, in the catalogue's units), `waves`, `moduli` (MPa), `nu12`, `places` and `where` of
+        value, in the catalogue's units), `waves`, `moduli` (MPa), `nu12`, of plies askew
+        `stiffness_MPa` (3, 3) about the warp, `places` and `where` of
         foreign effects, `noise_mm` (in plane, out of plane), `interpolated`, `signature_mm` (rms
         of what the effects change), `signature_left_mm` (of what changed moduli cannot imitate),
         `signatures` (the same of each effect beside the others), `nonce`.
@@ -156,6 +158,7 @@ def truth_of(drawn: Draw) -> dict[str, Any]:
         effect, name = key.split(".", 1)
         parameters[effect][name] = value
     strangers = [effect for effect in drawn.effects if effect in FOREIGN]
+    plies = {"stiffness_MPa": laminate(drawn).tolist()} if "rotated_ply" in drawn.effects else {}
     return {
         "kind": kind_of(drawn.effects),
         "effects": list(drawn.effects),
@@ -163,6 +166,7 @@ def truth_of(drawn: Draw) -> dict[str, Any]:
         "waves": [asdict(wave) for wave in drawn.waves],
         "moduli": drawn.moduli,
         "nu12": drawn.nu12,
+        **plies,
         "places": {effect: FOREIGN[effect].place for effect in strangers},
         "where": {effect: FOREIGN[effect].where(parameters[effect]) for effect in strangers},
     }
