@@ -73,7 +73,7 @@ def moduli_errors(record: Record) -> list[tuple[float | None, float | None]]:
     """Errors of E1, E2, G12 once the causes are added, where they can be known.
 
     Of a family the law is judged instead. Of plies that lie askew those of all of them are meant,
-    about the axes that the answer has: about such as lie between the plies' they may be orthotropic.
+    about the axes that the answer has: about such as lie between theirs they may be orthotropic.
     """
     if "specimens" in record["truth"] or any(e in SILENT for e in record["truth"]["effects"]):
         return []
