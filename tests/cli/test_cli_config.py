@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import tomllib
 import types
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from bulgefit.cli import main as cli
+from bulgefit.cli.config import save_config, with_config
 
 #: What the verb of these tests was told.
 Seen = list[dict[str, Any]]
@@ -64,6 +66,31 @@ def test_a_saved_run_comes_again(seen: Seen, tmp_path: Path) -> None:
     assert seen[1]["hold"] == ["a=1", "b=-2"]
     assert (seen[1]["max_pressure"], seen[1]["relaxation"]) == (-2.5, False)
     assert tomllib.loads(Path(saved).read_text(encoding="utf-8"))["starts"] == 5
+
+
+@pytest.mark.parametrize("verb", list(cli.VERBS))
+def test_every_verb_takes_what_it_saved(verb: str, tmp_path: Path) -> None:
+    """With what must be given, and everything else as it is where nothing is said."""
+    module = importlib.import_module(cli.VERBS[verb][0])
+    parser = cli._verb_parser(verb, module)
+    needed = [a for a in parser._actions if a.required]
+    words = [word for a in needed for word in (*a.option_strings[:1], f"{a.dest}.x")]
+    saved = tmp_path / "run.toml"
+    first = parser.parse_args([*words, "--save-config", str(saved)])
+    save_config(parser, first)
+    assert "[]" not in saved.read_text(encoding="utf-8")
+    again = cli._verb_parser(verb, module)
+    second = again.parse_args(with_config(again, ["--config", str(saved)]))
+    unlike = ("config", "save_config")
+    assert {k: v for k, v in vars(second).items() if k not in unlike} == {
+        k: v for k, v in vars(first).items() if k not in unlike
+    }
+
+
+def test_an_empty_list_is_none_given(seen: Seen, file: Callable[[str], str]) -> None:
+    assert cli.main(["fit", "--config", file('tests = ["a.npz"]\nhold = []\n')]) == 0
+    assert not seen[0]["hold"]
+    assert cli.main(["fit", "--config", file("tests = []\n")]) == 2
 
 
 def test_the_command_line_replaces_the_file(seen: Seen, file: Callable[[str], str]) -> None:

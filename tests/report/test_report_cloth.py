@@ -246,14 +246,12 @@ def advised(record, separations, alternatives=(), **more):
 
 
 def test_advice_says_which_test_and_what_its_numbers_are(family):
-    meant = (
-        "standard errors by which lens_distortion, at a tenth of its plausible range, would show "
-        "beyond what creep and the moduli can imitate"
-    )
+    size = "lens_distortion, at a tenth of its plausible range, would show by"
+    beyond = "standard errors beyond what creep and the moduli can imitate"
     (told,) = advice_items(advised(family, [44.4, 60.0], specimen=1, why=""))
     assert told == (
         "The least sure of what was found is creep, the most probable of what was left out "
-        f"lens_distortion. B alone tells them apart, by 44 {meant}: no further measurement is "
+        f"lens_distortion. B alone tells them apart: {size} 44 {beyond}. No further measurement is "
         "needed for that."
     )
     rivals = ["lens_distortion"]
@@ -262,7 +260,8 @@ def test_advice_says_which_test_and_what_its_numbers_are(family):
     )
     assert told == (
         "To tell creep from lens_distortion, measure beside B, best first: images at rest (9); rim "
-        f"points (7). The first because it is still. In brackets: {meant}; B alone has 2."
+        f"points (7). The first because it is still. In brackets: {size} so many {beyond}; with B "
+        "alone by 2."
     )
     # as an earlier version wrote it
     (told,) = advice_items(advised(family, [2.0, 9.0], rivals))

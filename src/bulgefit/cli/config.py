@@ -100,7 +100,8 @@ def save_config(parser: argparse.ArgumentParser, args: argparse.Namespace) -> No
         key: True if _is_flag(action) else values[key]
         for key, action in _actions(parser).items()
         # a flag that was not given has nothing to say, nor has an option without a value
-        if values[key] is not None and not (_is_flag(action) and values[key] == action.default)
+        if values[key] not in (None, [])
+        and not (_is_flag(action) and values[key] == action.default)
     }
     head = f"# {parser.prog}, version {bulgefit.__version__}\n"
     atomic_write_text(args.save_config, head + tomli_w.dumps(kept), getattr(args, "force", False))
@@ -142,6 +143,8 @@ def _texts(action: argparse.Action, value: Any, where: str) -> list[str]:
     several = action.nargs in ("+", "*") or isinstance(action, argparse._AppendAction)
     several = several or isinstance(action.nargs, int)
     items = value if several and isinstance(value, list) else [value]
+    if not items and isinstance(action, argparse._AppendAction):
+        return []
     if not items or any(isinstance(i, (bool, list, dict)) for i in items):
         kind = "a string or a number, or a list of them" if several else "a string or a number"
         raise InputError(f"{where}: give {kind}, not {value!r}")

@@ -365,8 +365,11 @@ class Search(Generic[Kind]):
             larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
             for start in list(self.layout.sides(fit.x, at))[1:]:
                 found = self.fit(larger, start)
-                if found is not None and found.score < fit.score:
-                    return found
+                if found is not None and found.here.square <= fit.here.square:
+                    # what the other side needed may go
+                    thinned = self._thinned(found, self.around(found)) or found
+                    if thinned.score < fit.score:
+                        return thinned
         return None
 
     def _refit(self, model: Model, around: Linearised) -> Fit | None:

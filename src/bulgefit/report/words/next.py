@@ -40,15 +40,13 @@ def advice_items(record: Record) -> list[str]:
     test = names_of(record)[now.get("specimen", 0)]
     useful = [a for a in others if a["separation"] > 1.05 * now["separation"]]
     rivals = any(c["alternatives"] for c in record["causes"])
-    meant = (
-        f"standard errors by which {second}, at a tenth of its plausible range, would show beyond "
-        f"what {first} and the moduli can imitate"
-    )
+    size = f"{second}, at a tenth of its plausible range, would show by"
+    beyond = f"standard errors beyond what {first} and the moduli can imitate"
     if not rivals and now["separation"] >= _APART:
         return [
             f"The least sure of what was found is {first}, the most probable of what was left out "
-            f"{second}. {test} alone tells them apart, by {now['separation']:.0f} {meant}: no "
-            "further measurement is needed for that."
+            f"{second}. {test} alone tells them apart: {size} {now['separation']:.0f} {beyond}. "
+            "No further measurement is needed for that."
         ]
     if not useful:
         return [
@@ -60,5 +58,5 @@ def advice_items(record: Record) -> list[str]:
     return [
         f"To tell {first} from {second}, measure beside {test}, best first: {options}"
         + (f". The first because {why}." if why else ".")
-        + f" In brackets: {meant}; {test} alone has {now['separation']:.0f}."
+        + f" In brackets: {size} so many {beyond}; with {test} alone by {now['separation']:.0f}."
     ]
