@@ -66,10 +66,12 @@ VERBS: dict[str, tuple[tuple[str, ...], str]] = {
 ENDING = 20.0
 
 
-def begun(words: tuple[str, ...], folder: Path) -> subprocess.Popen[str]:
-    """A verb in a session of its own, so that its processes can be told."""
+def begun(
+    words: tuple[str, ...], folder: Path, before: tuple[str, ...] = ()
+) -> subprocess.Popen[str]:
+    """A verb in a session of its own, so that its processes can be told; words before it."""
     return subprocess.Popen(
-        [sys.executable, "-m", "bulgefit", *words, "--quiet"],
+        [*before, sys.executable, "-m", "bulgefit", *words, "--quiet"],
         cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
     )  # fmt: skip

@@ -343,6 +343,22 @@ def test_cloth_is_not_drawn_taut_past_the_loss_of_ellipticity() -> None:
     assert membrane.acoustic_margin(last.displacement, stiffness) < 0.0
 
 
+def test_what_stops_a_path_without_ellipticity_is_its_loss() -> None:
+    """Nearly singular, taut cloth, from which neither pressure nor volume led on to any answer."""
+    heights = (8.07401, -5.37711, 6.32259, 6.47357, 4.26716)
+    slack = (-0.0066212, -0.00704548)
+    uneven = _uneven(heights, "hencky", refine=4, compliance=0.0161911, slack=slack)
+    membrane = Membrane(uneven.mesh, 0.81, angle=np.radians(-12.2061), fabric=uneven.fabric)
+    stiffness = orthotropic_stiffness(70.773, 424.24, 1.54774, 0.377223)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness, (0.1, 0.3))
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    below = trace(membrane, stiffness, (0.1, 0.999 * caught.value.reached))
+    assert below.stable.all()
+    assert not below.wrinkled[-1]
+    assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
+
+
 @pytest.mark.parametrize("law", ["svk", "yarn"])
 def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     membrane = Membrane(disc(100.0, 3), 0.81, law)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -233,35 +233,80 @@ def test_a_worker_of_a_cluster_that_dies(cluster: str, tmp_path: Path) -> None:
     assert (tmp_path / "died").exists()
 
 
-def linger(data: None, item: int) -> int:
+def linger(data: Measured | None, item: int) -> int:
     time.sleep(0.5)
     return item
 
 
-def test_a_scheduler_that_dies_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+class Cluster:
+    """A scheduler and its worker, as their own processes; `begin` starts them, also once more."""
+
+    def __init__(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self._port = free.getsockname()[1]
+        self.address = f"tcp://127.0.0.1:{self._port}"
+        self.begun: list[subprocess.Popen[bytes]] = []
+        self.begin()
+        _wait_for(self._port)
+
+    def begin(self) -> None:
+        """Start both of them."""
+        scheduler = ("scheduler", "--port", str(self._port), "--no-dashboard")
+        for words in (scheduler, ("worker", self.address, "--no-nanny", "--no-dashboard")):
+            program = [sys.executable, "-m", "dask", *words]
+            quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            self.begun.append(subprocess.Popen(program, **quiet))
+
+    def lose(self) -> None:
+        """Kill the scheduler, once; its worker ends by itself."""
+        self.begun[0].kill()
+
+    def end(self) -> None:
+        """Kill all that was begun."""
+        for process in self.begun:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def own_cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
+    """One that may be lost."""
     pytest.importorskip("distributed")
     # the worker, which is not our child, has to find `linger`
     places = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(places))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    words = [sys.executable, "-m", "dask", "scheduler", "--port", str(port), "--no-dashboard"]
-    scheduler = subprocess.Popen(words, **quiet)
-    address = f"tcp://127.0.0.1:{port}"
-    words = [sys.executable, "-m", "dask", "worker", address, "--no-nanny", "--no-dashboard"]
-    worker = subprocess.Popen(words, **quiet)
-    try:
-        _wait_for(port)
-        with (
-            open_executor(scheduler=address) as pool,
-            pytest.raises(BulgefitError, match="the cluster's scheduler was lost"),
-        ):
-            spread(pool, linger, None, range(40), lambda index, result: scheduler.kill())
-    finally:
-        for process in (worker, scheduler):
-            process.kill()
-            process.wait()
+    # a machine under load may take longer to start it again
+    monkeypatch.setattr("bulgefit.parallel.cluster.PATIENCE", 60.0)
+    cluster = Cluster()
+    yield cluster
+    cluster.end()
+
+
+def test_a_scheduler_that_dies_is_told_of(
+    own_cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with open_executor(scheduler=own_cluster.address) as pool:
+        monkeypatch.setattr("bulgefit.parallel.cluster.PATIENCE", 0.5)
+        with pytest.raises(BulgefitError, match="the cluster's scheduler was lost"):
+            spread(pool, linger, None, range(40), lambda index, result: own_cluster.lose())
+
+
+def test_what_a_scheduler_had_is_done_again_where_it_is_restarted(
+    own_cluster: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """In the midst of a call; the next one is done by the worker that has the data since."""
+    data = Measured(tmp_path / "readers")
+
+    def restart(index: int, result: int) -> None:
+        if len(own_cluster.begun) == 2:
+            own_cluster.lose()
+            own_cluster.begin()
+
+    with open_executor(scheduler=own_cluster.address) as pool:
+        assert spread(pool, linger, data, range(12), restart) == [*range(12)]
+        assert spread(pool, linger, data, range(2)) == [*range(2)]
+        assert len(data.readers()) == len(set(data.readers())) == 2
+    assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
 def _wait_for(port: int) -> None:
@@ -310,6 +355,7 @@ def test_a_client_that_does_not_notice_its_loss(monkeypatch: pytest.MonkeyPatch)
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
     monkeypatch.setattr("bulgefit.parallel.spread.SILENCE", 0.1)
+    monkeypatch.setattr("bulgefit.parallel.cluster.PATIENCE", 0.1)
     deaf = Losing(0)
     deaf.scheduler = SimpleNamespace(address=f"tcp://127.0.0.1:{port}")
     monkeypatch.setattr(deaf, "submit", lambda *_: Future())
@@ -326,6 +372,21 @@ def test_data_that_a_cluster_lost_are_sent_again(tmp_path: Path) -> None:
     gone.status = "closed"
     with pytest.raises(BulgefitError, match="scheduler was lost"):
         spread(gone, who, data, range(3))
+
+
+def test_a_scheduler_that_goes_away_while_it_is_sent_data(tmp_path: Path) -> None:
+    """And answers again at once."""
+    data, cluster = Data(tmp_path / "readers"), Losing(0)
+    scatter, refused = cluster.scatter, [OSError("closed"), TimeoutError("no workers")]
+
+    def lost_at_first(values: list[Any], **options: Any) -> list[Any]:
+        if refused:
+            raise refused.pop()
+        return scatter(values, **options)
+
+    cluster.scatter = lost_at_first  # type: ignore[method-assign]
+    assert [i for _, i in spread(cluster, who, data, range(3))] == [0, 1, 2]
+    assert not refused
 
 
 def test_only_what_a_cluster_lacks_is_sent(tmp_path: Path) -> None:

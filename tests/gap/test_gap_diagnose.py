@@ -60,7 +60,13 @@ def offset() -> Diagnosis:
 
 
 def test_a_clean_test_has_no_cause() -> None:
-    found = diagnose(made({}), effects=CANDIDATES)
+    told = list[tuple[float, float]]()
+    found = diagnose(
+        made({}), effects=CANDIDATES, left=lambda least, most: told.append((least, most))
+    )
+    # everything, its parts, all points, each part, and the rest: nothing asks for fields
+    assert len(told) == 5
+    assert told[-1][1] < 0.2 * found.seconds
     assert found.verdict == "none"
     assert not found.causes
     for name, truth in MODULI.items():
@@ -234,6 +240,16 @@ def test_workers_elsewhere_find_the_same_to_the_last_bit(
     assert others
     assert killed not in others
     assert len(set(others)) == len(others)
+
+
+def test_what_a_part_is_worth_is_kept_without_derivatives(both: Diagnosis) -> None:
+    """They are half a megabyte for each parameter; the model itself keeps its own."""
+    found = both.explanation
+    assert len(found.groups) > 1
+    assert found.final.predictions[0].shapes.derivative
+    for evidence in found.evidence.values():
+        assert evidence.without is not None
+        assert not evidence.without.predictions[0].shapes.derivative
 
 
 def test_a_diagnosis_goes_on_from_its_journal(both: Diagnosis, tmp_path: Path) -> None:

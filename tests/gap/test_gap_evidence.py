@@ -13,6 +13,7 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
+from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
@@ -869,3 +870,28 @@ def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():
     best = search.improved(fit)
     assert best.model == freeze({"lift": 1})
     assert best.x[:3] == pytest.approx([0.8, 2.9, 0.03], abs=0.02)
+
+
+def rippled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `lifted`, and a rim that rises by orders 0, 2 and 4 in proportion to the load (five)."""
+    angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))
+    value, columns = lifted(x[:5])
+    waves = [np.ones_like(angle), *(f(m * angle) for m in (2, 4) for f in (np.cos, np.sin))]
+    more = 50.0 * load[:, None] * np.stack(waves, axis=1)
+    return value + more @ x[5:], np.concatenate([columns, more], axis=1)
+
+
+@pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])
+def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
+    """A lift is half a tilt and waves of even orders: beside them no side of it takes off more."""
+    lift, tilt = (Owned(name) for name in ("lift", "tilt"))
+    groups = [*lifts([0.8, side, 0.0, 0.0, 0.0]).groups, group("waves", [1.0] * 5)]
+    measured = rippled(np.array([0.8, side, *np.zeros(8)]))[0]
+    measured += np.random.default_rng(9).normal(size=160)
+    search = searched(Known([replace(g, id=Owned(g.id)) for g in groups], measured, rippled))
+    stands = np.zeros(10)
+    stands[3:8] = 0.8 * np.array([np.cos(side) / 2, np.sin(side) / 2, 1 / np.pi, 0.0, 0.0])
+    search.fit(freeze({tilt: 0, Owned("waves"): 0}), stands)
+    search.closely()
+    assert search.best.model == freeze({lift: 0})
+    assert np.cos(search.best.x[1] - side) > 0.999

@@ -454,8 +454,8 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
     into bands of shear, past the point where the path turns unstable. Where steps in pressure fail,
     the branch is followed by its volume until pressure can be stepped again, or its greatest
-    pressure is passed. Cloth that is too loose for that is looked for where it is taut; without
-    ellipticity that is a descent too, and the path ends.
+    pressure is passed. Cloth that is too loose for that is looked for where it is taut. That is a
+    descent as well, so where the law is not elliptic the path ends there.
 
     Raises
     ------
@@ -477,11 +477,11 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     try:
         _go_by_volume(tracer, last + min(_SHORTER) * step, failure)
     except _StoppedError as stopped:
-        if stopped.cause is not Cause.NOT_CONVERGED or not below.wrinkled:
+        if stopped.cause is not Cause.NOT_CONVERGED:
             raise
         if tracer.elliptic and not tracer.is_elliptic(below.displacement):
             raise _lost_at(tracer, last * (1.0 + _BRACKET), last) from stopped
-        if not _draw_taut(tracer, end):
+        if not (below.wrinkled and _draw_taut(tracer, end)):
             raise
     return (tracer.levels[-1].s - last) / step
 
@@ -547,9 +547,6 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             except NewtonError as error:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
-    if tracer.elliptic and not tracer.is_elliptic(last.displacement):
-        # the mesh held the bands back up to here
-        raise _lost_at(tracer, beyond, last.s)
     raise _given_up(tracer, failure, last.s)
 
 

@@ -106,7 +106,7 @@ def explain(
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
     pace.begins(Stage.SEARCH)
-    plain, creased, search = _searched(
+    search, creased = _searched(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found = search.best
@@ -132,7 +132,7 @@ def explain(
         say("the model without offsets")
         creases = Owned(CREASES)
         keys[creases] = offsets_of_points(len(whole))
-        evidence[creases] = _of_creases(Weighing(whole, coordinates), plain, creased, tempered)
+        evidence[creases] = _of_creases(Weighing(whole, coordinates), creased, tempered)
         found_fields.append(FoundField(creases, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
@@ -218,17 +218,49 @@ def _searched(
     pace: Pace,
     *,
     thorough: bool,
-) -> tuple[Search[Weighing], Search[Weighing] | None, Search[Weighing]]:
+) -> tuple[Search[Weighing], _Creased | None]:
     """Models weighed on as many points as the noise's correlation leaves.
 
-    The search by points as they are, that beside offsets of every point (None where they do not
-    pay), and the one whose best model holds: one of the two, or the better one gone through again
-    by what its largest model leaves.
+    The search whose best model holds: that by points as they are, that beside offsets of every
+    point, or the better one gone through again by what its largest model leaves. Also both of the
+    former, where offsets pay.
 
-    Elimination begins where everything together leaves nothing but noise. Where all that have names
-    leave more, so do fewer: offsets are tried, which cost no coordinates, and then the fields.
     Units that were fixed by a fit that missed are fixed anew, by everything and by what is left of
     it: with all fields free the shape is off by more than the errors of what is then taken out.
+    """
+    found, both, enough = _begun(
+        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
+    )
+    if enough:
+        found.finish()
+        return found.search, both
+    pace.begins(Stage.UNITS)
+    for settle in (_Trial.thinned, _Trial.settled):
+        say("units anew")
+        for index, p in enumerate(prepared):
+            fix_units(p, found.search.best.here.near[index])
+        # what came before is not asked any more, and gives its memory back
+        found = found.anew(_thinned([p.data for p in prepared]))
+        found = settle(found)
+    return found.search, both
+
+
+def _begun(
+    prepared: Sequence[Prepared],
+    coordinates: Coordinates,
+    layout: Layout,
+    rough: Fit,
+    origin: Floats,
+    say: Callable[[str], None],
+    pace: Pace,
+    *,
+    thorough: bool,
+) -> tuple[_Trial, _Creased | None, bool]:
+    """The search that is gone on with, both beside it where offsets pay, and if that is enough.
+
+    Elimination begins where everything together leaves nothing but noise: that is enough. Where all
+    that have names leave more, so do fewer: offsets are tried, which cost no coordinates, and then
+    the fields.
     """
     data = _thinned([p.data for p in prepared])
     plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
@@ -240,8 +272,7 @@ def _searched(
         # what everything together was given up at says nothing of smaller models
         plain.ways.from_below(to_noise=True)
     if plain.is_content:
-        plain.finish()
-        return plain.search, None, plain.search
+        return plain, None, True
     pace.begins(Stage.FIELDS)
     sizes = _offset_sizes(data, plain.seen)
     creased = None
@@ -251,8 +282,7 @@ def _searched(
         beside.ways.by_elimination(lambda: beside.is_content)
         creased = beside if beside.search.fits else None
     if creased is not None and creased.is_content:
-        creased.finish()
-        return plain.search, creased.search, creased.search
+        return creased, _Creased(plain.search, creased.search), True
     whole = plain.ways.with_fields()
     if creased is not None and _score(creased.search) >= plain.search.best.score:
         creased = None
@@ -268,13 +298,15 @@ def _searched(
             replace(plain, search=replace(plain.search, fits={whole.model: whole})),
             None,
         )
-    pace.begins(Stage.UNITS)
-    for settle in (_Trial.thinned, _Trial.settled):
-        say("units anew")
-        for index, p in enumerate(prepared):
-            fix_units(p, found.search.best.here.near[index])
-        found = settle(found.anew(_thinned([p.data for p in prepared])))
-    return plain.search, None if creased is None else creased.search, found.search
+    return found, None if creased is None else _Creased(plain.search, creased.search), False
+
+
+@dataclass(frozen=True, eq=False)
+class _Creased:
+    """Searches by points as they are, and beside an offset of every point."""
+
+    plain: Search[Weighing]
+    creased: Search[Weighing]
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,13 +431,11 @@ def _offset_sizes(data: Sequence[Data], fit: Seen) -> list[Floats]:
     return sizes
 
 
-def _of_creases(
-    weighing: Weighing, plain: Search[Weighing], creased: Search[Weighing], tempered: float
-) -> Evidence:
+def _of_creases(weighing: Weighing, both: _Creased, tempered: float) -> Evidence:
     """What speaks for offsets of the points: the best model with them against that without."""
-    best = plain.best
-    odds = np.exp(-0.5 * (best.score - _score(creased)) / tempered)
-    smooth = descend(weighing, plain.layout, best.model, best.x, best.here.near, roughly=True)
+    best = both.plain.best
+    odds = np.exp(-0.5 * (best.score - _score(both.creased)) / tempered)
+    smooth = descend(weighing, both.plain.layout, best.model, best.x, best.here.near, roughly=True)
     return Evidence(float(1.0 / (1.0 + odds)), (), regression_of(weighing, smooth), {})
 
 

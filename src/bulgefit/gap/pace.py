@@ -30,13 +30,13 @@ class Stage(Enum):
 #: (benchmarks/diagnosis.py, `--pace`), rounded outwards. On another machine, and of more points,
 #: all is as much slower or faster.
 _AHEAD = {
-    Stage.TOGETHER: (2.0, 30.0),
-    Stage.SEARCH: (0.7, 12.0),
+    Stage.TOGETHER: (4.0, 40.0),
+    Stage.SEARCH: (1.0, 10.0),
     Stage.FIELDS: (0.7, 5.0),
     Stage.UNITS: (0.4, 2.0),
-    Stage.POINTS: (0.1, 0.8),
-    Stage.PARTS: (0.05, 0.6),
-    Stage.REST: (0.01, 0.1),
+    Stage.POINTS: (0.01, 1.0),
+    Stage.PARTS: (0.0, 0.9),
+    Stage.REST: (0.0, 0.1),
 }
 
 

@@ -6,8 +6,9 @@ import logging
 import platform
 import socket
 import struct
+import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -15,7 +16,7 @@ from urllib.parse import urlsplit
 
 from bulgefit.errors import InputError
 
-__all__ = ["client_of", "is_there", "opened"]
+__all__ = ["asked", "client_of", "comes_back", "is_there", "line_of", "opened"]
 
 #: Seconds within which a scheduler answers and has a worker.
 PATIENCE = 10.0
@@ -52,6 +53,14 @@ def client_of(executor: Executor) -> Any:
     return client if hasattr(client, "scatter") else None
 
 
+def line_of(executor: Executor) -> object:
+    """What is another object after a cluster's scheduler was lost and found again; else the same.
+
+    All that it had been asked for is lost then, and its client does not say so of everything.
+    """
+    return getattr(client_of(executor), "scheduler_comm", None)
+
+
 def is_there(executor: Executor, seconds: float) -> bool:
     """Whether the scheduler of a cluster answers in so many seconds; its client may not notice.
 
@@ -73,11 +82,56 @@ def is_there(executor: Executor, seconds: float) -> bool:
 
 
 @contextmanager
+def asked(client: Any) -> Iterator[None]:
+    """Ask a scheduler for something in the block, which may be gone or go just then.
+
+    Raises
+    ------
+    BrokenExecutor
+        It is, as an executor of this machine says it.
+    """
+    lost = BrokenExecutor("the scheduler was lost")
+    if client.status == "closed":
+        raise lost
+    try:
+        yield
+    except OSError as error:  # Dask's own errors of connections and of time are such
+        raise lost from error
+    except Exception as error:
+        if client.status == "closed":
+            raise lost from error
+        raise
+
+
+def comes_back(executor: Executor) -> bool:
+    """Whether a scheduler that was lost answers again within `PATIENCE`, and has workers.
+
+    What restarts one that ended does so in seconds. It knows nothing of what it was asked.
+
+    Raises
+    ------
+    InputError
+        It has no workers within `PATIENCE`, or they are not as this process is.
+    """
+    client = client_of(executor)
+    until = time.monotonic() + PATIENCE
+    while client.status != "closed" and time.monotonic() < until:
+        # its client connects again by itself
+        if client.status == "running" and is_there(executor, PATIENCE):
+            with suppress(BrokenExecutor), asked(client):
+                _check_workers(client, client.scheduler.address)
+                return True
+        time.sleep(0.1)
+    return False
+
+
+@contextmanager
 def _dask_is_quiet() -> Iterator[None]:
     """No tracebacks in Dask's log: what goes wrong is told by our errors."""
     with suppress(ImportError):
         import distributed  # noqa: F401  (sets the levels of its loggers when first imported)
-    loggers = [logging.getLogger(f"distributed.{name}") for name in ("client", "utils")]
+    names = ("distributed.client", "distributed.utils", "tornado.application")
+    loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.CRITICAL)

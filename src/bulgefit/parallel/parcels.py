@@ -23,7 +23,7 @@ from uuid import uuid4
 
 from bulgefit.errors import InputError
 from bulgefit.files import drop_abandoned, own_name
-from bulgefit.parallel.cluster import client_of
+from bulgefit.parallel.cluster import asked, client_of
 
 __all__ = ["drop_files", "sent", "sent_once"]
 
@@ -65,7 +65,8 @@ def _scattered(client: Any, shared: Any) -> list[Any]:
     labels = {name: _labels[part] for name, part in parts.items()}
     missing = {n: parts[n] for n, label in labels.items() if not label.is_held_by(client)}
     parcels = [_Parcel(content), *([_Parcel(_pickled(missing))] if missing else [])]
-    whole, *new = client.scatter(parcels, broadcast=True, hash=False)
+    with asked(client):
+        whole, *new = client.scatter(parcels, broadcast=True, hash=False)
     for name in missing:
         labels[name].cluster, labels[name].parcel = client.id, new[0]
     return [whole, *{id(label.parcel): label.parcel for label in labels.values()}.values()]

@@ -24,7 +24,7 @@ from itertools import islice
 from typing import Any
 
 from bulgefit.errors import BulgefitError
-from bulgefit.parallel.cluster import client_of, is_there
+from bulgefit.parallel.cluster import client_of, comes_back, is_there, line_of
 from bulgefit.parallel.journal import Journal, within_a_piece
 from bulgefit.parallel.parcels import sent
 from bulgefit.parallel.processes import Processes
@@ -98,7 +98,8 @@ def _spread(
         take(index, result)
     for _ in range(ROUNDS):
         if left:
-            with sent(executor, shared) as handles:
+            # the scheduler of a cluster may be lost before it has what it is sent
+            with suppress(BrokenExecutor), sent(executor, shared) as handles:
                 for index, result in _results(executor, task, handles, left):
                     if journal is not None:
                         journal.keep(call, index, result)
@@ -133,7 +134,7 @@ def _results(
     Processes of our own are given what they have room for, and nothing is ever taken back: where
     they end, the pool of Python 3.11 complains of what was.
     """
-    ours = isinstance(executor, Processes)
+    ours, line = isinstance(executor, Processes), line_of(executor)
     futures: dict[Future[Any], int] = {}
     waiting = set[Future[Any]]()
     todo = iter([*left.items()])
@@ -149,7 +150,7 @@ def _results(
                 break
             finished, waiting = wait(waiting, SILENCE, FIRST_COMPLETED)
             if not finished:
-                if not is_there(executor, SILENCE):
+                if line_of(executor) is not line or not is_there(executor, SILENCE):
                     break  # nobody is left who would finish or cancel them
                 if isinstance(executor, Processes):
                     executor.end_stalled()
@@ -184,7 +185,7 @@ def _told(error: Exception) -> Exception:
 def _renew(executor: Executor) -> None:
     """Make the executor ready for another round, or say why it cannot be."""
     client = client_of(executor)
-    if client is not None and is_there(executor, SILENCE):
+    if client is not None and (is_there(executor, SILENCE) or comes_back(executor)):
         return  # the cluster has other workers, or starts new ones
     if client is not None:
         raise BulgefitError("the cluster's scheduler was lost; start it and run this again")

@@ -199,14 +199,26 @@ class Search(Generic[Kind]):
         """Drops from a fit, each fitted, until one of them is the best model.
 
         A group may hold the others in a valley that none of them would stay in: what they would do
-        without it is on the other side, and no forecast sees it.
+        without it is on the other side, and no forecast sees it. Nor does one see what is periodic
+        in the place of a group: as long as that is there, no side takes off more than another.
         """
         rough = replace(self, roughly=True, share=_GROWN)
         for model in self._smaller(fit.model):
-            if model not in self.fits:
-                rough.fit(model, fit.x, fit.here.near)
-                if self.best is not fit:
-                    return
+            less = rough.fit(model, fit.x, fit.here.near)
+            gone = set(dict(fit.model)) - set(dict(model))
+            if self.best is fit and less is not None:
+                for name in gone:
+                    rough._turned_in_place(less, name)
+            if self.best is not fit:
+                return
+
+    def _turned_in_place(self, less: Fit, gone: Owned) -> None:
+        """What is periodic, and its specimen's, fitted in the place of a group that is gone."""
+        whole = self.layout.whole(self.names)
+        for name, at in self.layout.turning(whole - self._of(less.model)):
+            if name != gone and name.specimen in (None, gone.specimen):
+                x = min(self.layout.sides(less.x, at), key=partial(self._left, less, int(at)))
+                self.fit(less.model | self.layout.whole([name]), x, less.here.near)
 
     def scores(self, temper: float) -> dict[Model, float]:
         """Of every model that was fitted, and of those whose share counts by forecast.
@@ -353,8 +365,11 @@ class Search(Generic[Kind]):
             larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
             for start in list(self.layout.sides(fit.x, at))[1:]:
                 found = self.fit(larger, start)
-                if found is not None and found.score < fit.score:
-                    return found
+                if found is not None and found.here.square <= fit.here.square:
+                    # what the other side needed may go
+                    thinned = self._thinned(found, self.around(found)) or found
+                    if thinned.score < fit.score:
+                        return thinned
         return None
 
     def _refit(self, model: Model, around: Linearised) -> Fit | None:
