@@ -97,31 +97,27 @@ def _gap_blocks(record: Record) -> list[Block]:
 def _tried_blocks(record: Record) -> list[Block]:
     """Candidates that are not in the model, and those that could not be tried, in a fold."""
     others = sorted(record["others"].items(), key=lambda pair: -pair[1])
-    rows = [
-        (owned(record, group), chance_text(p), "weighed and dropped")
-        for group, p in others
-        if p >= SMALL
-    ]
+    rows = [(owned(record, group), chance_text(p)) for group, p in others if p >= SMALL]
     told = {Owned.read(group).effect for group in (*record["others"], *_taken(record))}
     gone = owned_together(record, [group for group, p in others if p < SMALL])
     gone += [effect for effect in record["report"]["candidates"] if effect not in told]
     if gone:
-        rows.append((", ".join(gone), "below 0.001 each", "weighed and dropped"))
-    rows += [(effect, "", f"not tried: {why}") for effect, why in record["skipped"].items()]
+        rows.append((", ".join(gone), "below 0.001 each"))
+    rows += [(effect, f"not tried: {why}") for effect, why in record["skipped"].items()]
     if not rows:
         return [Block("text", ("Every effect that was tried is in the model.",))]
-    inside = Block("table", rows=(("effect", "probability", "what became of it"), *rows))
+    inside = Block("table", rows=(("effect", "probability"), *rows))
     return [Block("fold", ("all of them", _tried_words(record)), inside=(inside,))]
 
 
 def _tried_words(record: Record) -> str:
-    """How many there are, and the one that came nearest."""
+    """How many there are, and which is the most probable."""
     others, told = record["others"], []
     if others:
-        nearest = max(others, key=lambda group: others[group])
+        first = max(others, key=lambda group: others[group])
         told.append(
-            f"{len(others)} weighed and dropped, nearest to a place {owned(record, nearest)} "
-            f"(probability {chance_text(others[nearest])})"
+            f"{len(others)} weighed and dropped, of which {owned(record, first)} is the most "
+            f"probable ({chance_text(others[first])})"
         )
     if record["skipped"]:
         told.append(f"not tried: {listed(list(record['skipped']))}")
