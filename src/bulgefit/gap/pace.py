@@ -27,7 +27,7 @@ class Stage(Enum):
 
 
 #: Least and most of the time so far that is left when a stage begins: those of five made tests (two
-#: with causes without a name, one with known ones, one clean, a family) and some more either way, as
+#: with causes without a name, one with known ones, one clean, a family), some more either way, as
 #: benchmarks/diagnosis.py, `--pace`, finds them. On another machine, and of more points, all is as
 #: much slower or faster.
 _AHEAD = {
