@@ -21,7 +21,8 @@ from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
-from bulgefit.gap.evidence.search import Search, Ways
+from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.ways import Ways
 
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 

@@ -25,8 +25,9 @@ from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
-from bulgefit.gap.evidence.search import Search, Ways
+from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
+from bulgefit.gap.evidence.ways import Ways
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points

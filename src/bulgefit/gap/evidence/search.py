@@ -1,4 +1,4 @@
-"""Which model has the most evidence? Elimination from everything, swaps, additions; several ways.
+"""Which model near one has more evidence? Drops, growths, additions and swaps.
 
 Every change is forecast in the normal equations of all coordinates (`laplace`), where it costs no
 solve; what looks best is refitted, and what was refitted is what counts.
@@ -22,7 +22,7 @@ from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.parallel.journal import kept
 
-__all__ = ["Search", "Ways"]
+__all__ = ["GROWN", "Search"]
 
 Kind = TypeVar("Kind", bound=Problem)
 
@@ -37,7 +37,7 @@ LEAST_SHARE = 1e-3
 MOST_ALIKE = 300
 #: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
 #: when that takes off many times as much; nor is it worth a solve before units are fixed anew.
-_GROWN = 0.01
+GROWN = 0.01
 
 
 @dataclass(eq=False)
@@ -202,7 +202,7 @@ class Search(Generic[Kind]):
         without it is on the other side, and no forecast sees it. Nor does one see what is periodic
         in the place of a group: as long as that is there, no side takes off more than another.
         """
-        rough = replace(self, roughly=True, share=_GROWN)
+        rough = replace(self, roughly=True, share=GROWN)
         for model in self._smaller(fit.model):
             less = rough.fit(model, fit.x, fit.here.near)
             gone = set(dict(fit.model)) - set(dict(model))
@@ -412,120 +412,3 @@ class Search(Generic[Kind]):
             found.update(dict.fromkeys(m for m in self._larger(smaller) if not gone & set(dict(m))))
         found.pop(model, None)
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class Ways(Generic[Kind]):
-    """Ways to the best model, since each may be trapped.
-
-    Attributes
-    ----------
-    search : Search
-    start : (n,) array
-        Coordinates from which something balances.
-    near : object
-        What a neighbouring point is sooner found from, or None.
-    fields : tuple of Owned
-        Groups that are freed by some ways alone.
-    origin : (n,) array, optional
-        Where nothing but what every model has departs from its null; default: `start`.
-    """
-
-    search: Search[Kind]
-    start: Floats
-    near: object = None
-    fields: tuple[Owned, ...] = ()
-    origin: Floats | None = None
-
-    @property
-    def _named(self) -> Search[Kind]:
-        """The same search without fields; what it fits counts for both."""
-        names = tuple(n for n in self.search.names if n not in self.fields)
-        return replace(self.search, names=names)
-
-    def by_elimination(self, hopeful: Callable[[], bool] = lambda: True) -> None:
-        """Everything but the fields is freed at once, and thinned.
-
-        Parameters
-        ----------
-        hopeful : callable
-            Whether, by what was fitted so far, thinning may lead anywhere.
-        """
-        named = self._named
-        whole = named.layout.whole(named.names)
-        found = named.fit(whole, self.start, self.near, roughly=True, to_noise=True)
-        if found is not None and hopeful():
-            named.improved(found)
-
-    def from_below(self, *, to_noise: bool = False) -> None:
-        """Groups, but no fields, are added to the smallest model, fewer than the best one has.
-
-        With as many, what began with the wrong one would only gather others about it.
-
-        Parameters
-        ----------
-        to_noise : bool
-            As long as the groups that may still be added may lead down to the noise.
-
-        Raises
-        ------
-        SolveError
-            Nothing balances at the start, and no model was fitted.
-        """
-        named = self._named
-        fewer = len(named.best.model) - 1 if named.fits else None
-        rough = named if fewer is None else replace(named, roughly=True, share=_GROWN)
-        small = rough.fit(freeze({}), self.start, self.near)
-        if small is not None:
-            rough.improved(small, fewer, to_noise=to_noise)
-        elif not named.fits:
-            # the same solve once more: its error says where and why nothing balances
-            none = named.layout.columns(freeze({}))
-            named.problem.linearise(self.start, none, self.near)
-
-    def from_fields(self) -> None:
-        """Groups are added to each field of the best model alone, fewer than that one has.
-
-        Several effects may stand for what is a field's; beside it they are no worse than before,
-        and far from where they can be let go.
-        """
-        best = self.search.best
-        origin = self.start if self.origin is None else self.origin
-        rough = replace(self.search, roughly=True, share=_GROWN)
-        for name, form in sorted(best.model):
-            if name in self.fields and len(best.model) > 1:
-                alone = rough.fit(freeze({name: form}), origin)
-                if alone is not None:
-                    rough.improved(alone, len(best.model) - 1)
-
-    def with_fields(self, *, thorough: bool = False) -> Fit | None:
-        """Everything is freed from the origin; if that is a trap, with the fields freed last.
-
-        Effects may take what is a field's, and fields what is an effect's. A model that is worse
-        than one it contains was trapped.
-
-        Parameters
-        ----------
-        thorough : bool
-            From both starts in any case.
-        """
-        layout = self.search.layout
-        whole = layout.whole(self.search.names)
-        origin = self.start if self.origin is None else self.origin
-        starts = [(origin, None), (self.start, self.near)]
-        if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
-            starts[1] = (first.x, first.here.near)
-        rough = self.search if thorough else replace(self.search, share=_GROWN)
-        for start, near in starts:
-            found = rough.fit(whole, start, near, roughly=True)
-            if found is not None and found is self.search.best and not thorough:
-                break
-        return self.search.fits.get(whole)
-
-    def every(self) -> None:
-        """All of them, one after another; raises SolveError where none leads anywhere."""
-        self.by_elimination()
-        self.from_below()
-        if self.fields and (found := self.with_fields(thorough=True)) is not None:
-            self.search.improved(found)
-        self.search.improved(self.search.best)
