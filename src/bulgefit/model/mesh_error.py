@@ -1,4 +1,8 @@
-"""Take the mesh's error off a virtual test, and judge what is left of it."""
+"""Take the mesh's error off a virtual test, and judge what is left of it.
+
+It falls with the square of the cells where shapes are smooth. Those that are not stable are not:
+bands of shear are as wide as a cell, and lie elsewhere on every mesh. They keep their error.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +27,18 @@ def correct_mesh(virtual: VirtualTest, shapes: Shapes) -> None:
     """Set the virtual test's correction from a finer mesh, at given shapes.
 
     It hardly changes with the parameters. Where the finer mesh finds no equilibrium there is none,
-    and `mesh_remainder` says None.
+    and none in frames that are not stable on both; `mesh_remainder` says None.
     """
     virtual.correction = None
     if not virtual.setup.corrects_mesh:
         return
     refine = virtual.setup.refine
     try:
-        there = _on_mesh(virtual, finer(refine), shapes)
+        there, stable = _on_mesh(virtual, finer(refine), shapes)
     except SolveError:
         return
     virtual.correction = taken_off(refine, shapes.displacement, there)
+    virtual.correction[~(shapes.stable & stable)] = 0.0
 
 
 def mesh_remainder(virtual: VirtualTest, shapes: Shapes) -> Floats | None:
@@ -42,23 +47,25 @@ def mesh_remainder(virtual: VirtualTest, shapes: Shapes) -> Floats | None:
     None where it is not known.
     """
     correction, refine = virtual.correction, virtual.setup.refine
-    if correction is None:
+    if correction is None or not shapes.stable.all():
         return None
     try:
-        coarse = _on_mesh(virtual, coarser(refine), shapes)
+        coarse, stable = _on_mesh(virtual, coarser(refine), shapes)
     except SolveError:
+        return None
+    if not stable.all():
         return None
     return left_over(refine, shapes.displacement, correction, coarse)
 
 
-def _on_mesh(virtual: VirtualTest, refine: int, shapes: Shapes) -> Floats:
-    """Displacements (frames, n, 3) mm of this mesh's nodes as another mesh has them."""
+def _on_mesh(virtual: VirtualTest, refine: int, shapes: Shapes) -> tuple[Floats, NDArray[np.bool_]]:
+    """Displacements (frames, n, 3) mm of this mesh's nodes as another mesh has them; if stable."""
     setup = replace(virtual.setup, refine=refine, correct_mesh=False)
     other = VirtualTest(virtual.test, setup, virtual.threads)
     here, there = virtual.circle.nodes, other.circle.nodes
     found = _found(other, shapes, here, there)
     back = smooth_value(there, here)
-    return np.stack([back @ one for one in found.displacement])
+    return np.stack([back @ one for one in found.displacement]), found.stable
 
 
 def _found(other: VirtualTest, shapes: Shapes, here: Floats, there: Floats) -> Shapes:
