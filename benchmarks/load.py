@@ -1,15 +1,16 @@
-"""Does a diagnosis hold under load: others beside it, a stall, a lost scheduler, a slow disk?
+"""Do diagnoses hold under load: others beside them, a stall, a lost scheduler, a slow disk?
 
     python benchmarks/load.py [--runs 8] [--cases together,stalled,restarted,slow]
 
-One diagnosis alone with two workers is what the others are compared with, to the last bit.
+A trial of two made tests, which two workers diagnose, is run alone. With what it gives the others
+are compared, to the last bit:
 
 - together: eight of them side by side, each with two workers of its own: twenty-four processes, of
   which none may grow by more than a tenth;
-- stalled: one of the workers is stopped (SIGSTOP) in the midst of it;
+- stalled: one of the workers is stopped (SIGSTOP) in the midst of its diagnosis;
 - restarted: the work is done on a Dask cluster, whose scheduler is killed in the midst of it and
-  started again at its address, as are workers that leave with it. The diagnosis goes on, or ends
-  with one line and is taken up with --resume;
+  started again at its address, as are workers that leave with it. The trial goes on, or ends with
+  one line and is taken up with --resume;
 - slow: every file that is opened, read, written, brought to the disk, renamed or removed is waited
   for. strace does that, so the disk is slow for each of the processes and for all that they load.
 
@@ -35,11 +36,11 @@ from pathlib import Path
 
 from kills import ENDING, VERBS, begun, contents, prepared, processes
 
-WORDS, RESUME = VERBS["diagnose"]
+WORDS, RESUME = VERBS["trial"]
 #: Seconds after which a run hangs: ten times what one alone takes, and a minute for a stall.
 LONGEST = 10.0
-#: Pieces of a diagnosis after which something happens to it.
-PIECES = 5
+#: Seconds of processor time after which a worker is in the midst of a diagnosis.
+BUSY = 8.0
 #: System calls and how long the disk takes for them.
 DISK = {
     "openat,newfstatat,unlink,unlinkat": "2ms",
@@ -51,7 +52,7 @@ Content = dict[str, object]
 
 
 def side_by_side(folders: list[Path]) -> tuple[list[Content], float, float]:
-    """What each diagnosis leaves in its folder; seconds, and MB of the largest process so far."""
+    """What each trial leaves in its folder; seconds, and MB of the largest process so far."""
     began = time.monotonic()
     runs = [begun(WORDS, prepared(folder)) for folder in folders]
     for run in runs:
@@ -78,9 +79,7 @@ def stalled(place: Path, alone: Content, seconds: float, runs: int) -> list[str]
     """A worker that is stopped."""
     run = begun(WORDS, prepared(place))
     began = time.monotonic()
-    wait_for_pieces(run, place)
-    workers = [pid for pid, line in processes(run.pid).items() if "spawn_main" in line]
-    os.kill(workers[0], signal.SIGSTOP)
+    os.kill(busy(run, lambda: processes(run.pid)), signal.SIGSTOP)
     said = ended(run, LONGEST * seconds + 60.0)
     print(f"a worker stopped: {time.monotonic() - began:.0f} s, status {run.returncode} {said}")
     return left_behind(run) + differences(place, alone)
@@ -88,11 +87,11 @@ def stalled(place: Path, alone: Content, seconds: float, runs: int) -> list[str]
 
 def restarted(place: Path, alone: Content, seconds: float, runs: int) -> list[str]:
     """A scheduler that is killed and started again."""
-    with cluster() as (address, kill):
+    with cluster() as (address, kill, workers):
         words = without(WORDS, "--workers")
         run = begun((*words, "--scheduler", address), prepared(place))
         began = time.monotonic()
-        wait_for_pieces(run, place)
+        busy(run, workers)
         kill()
         said = ended(run, LONGEST * seconds)
         print(
@@ -103,6 +102,7 @@ def restarted(place: Path, alone: Content, seconds: float, runs: int) -> list[st
         if run.returncode != 0:
             if run.returncode != 2 or said.count("\n") != 1:
                 wrong.append(f"it ended with {said!r}")
+            wait_for_workers(address)
             again = begun((*words, "--scheduler", address, RESUME), place)
             said = ended(again, LONGEST * seconds)
             print(f"taken up: {time.monotonic() - began:.0f} s, status {again.returncode} {said}")
@@ -125,14 +125,31 @@ def slow(place: Path, alone: Content, seconds: float, runs: int) -> list[str]:
     return left_behind(run) + differences(place, alone)
 
 
-def wait_for_pieces(run: subprocess.Popen[str], place: Path) -> None:
-    """Until the journal of a run has grown by `PIECES`, so that it is in the midst of its work."""
-    journal, size, grown = place / "out.json.part", 0, -1
-    while grown < PIECES:
-        assert run.poll() is None, "it ended before"
-        now = journal.stat().st_size if journal.exists() else 0
-        grown, size = grown + (now != size), now
-        time.sleep(0.01)
+def busy(run: subprocess.Popen[str], lines: Callable[[], dict[int, str]]) -> int:
+    """The first worker process of some that is in the midst of its work."""
+    while run.poll() is None:
+        for pid, line in lines().items():
+            if "spawn_main" in line and processor_time(pid) > BUSY:
+                return pid
+        time.sleep(0.05)
+    raise AssertionError("it ended before")
+
+
+def wait_for_workers(address: str) -> None:
+    """Until a cluster has both of them again."""
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2)
+
+
+def processor_time(pid: int) -> float:
+    """Seconds that a process has used; none where it is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def ended(run: subprocess.Popen[str], seconds: float) -> str:
@@ -203,19 +220,22 @@ class Kept:
 
 
 @contextmanager
-def cluster() -> Iterator[tuple[str, Callable[[], None]]]:
-    """Address of a scheduler with two workers, all of them kept; what kills the scheduler."""
+def cluster() -> Iterator[tuple[str, Callable[[], None], Callable[[], dict[int, str]]]]:
+    """Address of a scheduler with two workers; what kills it; what tells the workers' processes."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
     dask = (sys.executable, "-m", "dask")
     scheduler = Kept(*dask, "scheduler", "--port", str(port), "--no-dashboard")
-    worker = (*dask, "worker", address, "--nthreads", "1", "--no-dashboard", "--no-nanny")
+    worker = (*dask, "worker", address, "--nthreads", "1", "--no-dashboard")
     workers = [Kept(*worker) for _ in range(2)]
     try:
         while not answers(port):
             time.sleep(0.1)
-        yield address, scheduler.kill
+        yield (
+            address, scheduler.kill,
+            lambda: {p: line for k in workers for p, line in processes(k.process.pid).items()},
+        )  # fmt: skip
     finally:
         for kept in (*workers, scheduler):
             kept.end()
