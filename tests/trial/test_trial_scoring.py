@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bulgefit.trial.places import judge_place
-from bulgefit.trial.reliability import reliability
+from bulgefit.trial.reliability import reliability, stated_causes
 from bulgefit.trial.right import is_right
 from bulgefit.trial.score import judge, score
 from bulgefit.trial.shares import share
@@ -259,6 +259,14 @@ def test_reliability_of_causes_and_fields():
     assert [(b["hits"], b["of"]) for b in scores["causes"]["bins"]] == [(0, 1), (1, 1)]
     assert [(b["hits"], b["of"]) for b in scores["fields"]["bins"]] == [(0, 1), (1, 1)]
     assert "stated probability" in report(score(records))
+
+
+def test_what_stands_in_for_a_foreign_effect_is_neither_true_nor_false():
+    there = sure("prestrain", 0.99, place="material")
+    in_place = sure("stiffness_gradient", 0.97, place="material")
+    elsewhere = sure("clamp_slip", 0.8, place="clamp")
+    made = foreign(PRE, "partial", there, in_place, elsewhere)
+    assert stated_causes([made]) == [(0.99, True), (0.8, False)]
 
 
 def clothed(warp, fill, stderr):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from bulgefit.trial.right import Record, names_of
+from bulgefit.trial.right import Record, at_a_foreign_place, names_of
 from bulgefit.trial.shares import share
 
 __all__ = ["reliability", "stated_causes", "stated_fields"]
@@ -16,13 +16,19 @@ LIMITS = (0.0, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
 
 
 def stated_causes(records: Iterable[Record]) -> list[tuple[float, bool]]:
-    """Probability of each cause that states one, and whether the cause is there."""
-    return [
-        (float(cause["probability"]), bool(names_of(cause) & {*record["truth"]["effects"]}))
-        for record in records
-        for cause in record["answer"].get("causes", ())
-        if cause.get("probability") is not None
-    ]
+    """Probability of each cause that states one, and whether the cause is there.
+
+    What stands in for a part of a foreign effect, at its place, is neither there nor not.
+    """
+    told = []
+    for record in records:
+        for cause in record["answer"].get("causes", ()):
+            there = bool(names_of(cause) & {*record["truth"]["effects"]})
+            if cause.get("probability") is not None and (
+                there or not at_a_foreign_place(record, cause)
+            ):
+                told.append((float(cause["probability"]), there))
+    return told
 
 
 def stated_fields(records: Iterable[Record]) -> list[tuple[float, bool]]:

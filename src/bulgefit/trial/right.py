@@ -20,6 +20,7 @@ __all__ = [
     "SAME_AS",
     "SURE",
     "Record",
+    "at_a_foreign_place",
     "false_causes",
     "found_effects",
     "is_right",
@@ -119,7 +120,7 @@ def found_effects(record: Record) -> set[str]:
 def false_causes(record: Record) -> list[Mapping[str, Any]]:
     """Sure causes that are not there, but for those that stand in for a foreign effect."""
     left = _unmatched(record["truth"]["effects"], record)
-    return [cause for cause in left if not _at_a_foreign_place(record, cause)]
+    return [cause for cause in left if not at_a_foreign_place(record, cause)]
 
 
 def standing_in(record: Record) -> list[Mapping[str, Any]]:
@@ -129,10 +130,11 @@ def standing_in(record: Record) -> list[Mapping[str, Any]]:
     part along them.
     """
     left = _unmatched(record["truth"]["effects"], record)
-    return [cause for cause in left if _at_a_foreign_place(record, cause)]
+    return [cause for cause in left if at_a_foreign_place(record, cause)]
 
 
-def _at_a_foreign_place(record: Record, cause: Mapping[str, Any]) -> bool:
+def at_a_foreign_place(record: Record, cause: Mapping[str, Any]) -> bool:
+    """Whether a foreign effect is at a cause's place."""
     return cause.get("place") in record["truth"].get("places", {}).values()
 
 
