@@ -677,7 +677,7 @@ def _put_between(tracer: _Tracer, low: _Level, high: _Level) -> None:
 
     In wrinkled cloth the dense output may be too far off for a search along the path: from the
     shape at the higher pressure, which has fewer wrinkles, descent of the potential finds the level
-    as it finds the next one in `_advance`.
+    as it finds the next one in `_advance`; with patience, as the lowest one.
 
     Raises
     ------
@@ -691,7 +691,7 @@ def _put_between(tracer: _Tracer, low: _Level, high: _Level) -> None:
         wrinkled = any(end.wrinkled for end in ends) and all(end.stable for end in ends)
         if not (wrinkled and all(tracer.is_elliptic(end.displacement) for end in ends)):
             raise
-        tracer.solve(s, high.displacement, follow=False)
+        tracer.solve(s, high.displacement, follow=False, patient=True)
         _check_between(tracer, low, high)
 
 
