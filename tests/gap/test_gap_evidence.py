@@ -896,3 +896,32 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
     search.closely()
     assert search.best.model == freeze({lift: 0})
     assert np.cos(search.best.x[1] - side) > 0.999
+
+
+class Edge(Known):
+    """Balances by two coordinates, and no further."""
+
+    def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+        if len(columns) > 2:
+            raise SolveError(
+                "no step makes progress", pressure=0.2, reached=0.2, iteration=1, residual_norm=1.0,
+                parameters={},
+            )  # fmt: skip
+        return super().linearise(x, columns, near)
+
+
+def test_what_ends_on_the_edge_of_stability_is_kept():
+    """Nothing can be looked at beside it, so nothing is forecast."""
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(30, 4))
+    measured = rows @ [2.0, 0.0, 0.0, 1.5] + 0.1 * rng.normal(size=30)
+    problem = Edge([group(n, [1.0]) for n in "abcd"], measured, lambda x: (rows @ x, rows))
+    search = searched(problem)
+    fit = search.fit(freeze({"a": 0, "d": 0}), np.zeros(4))
+    assert search.improved(fit) is fit
+    assert search.promise(fit) == fit.score
+    search.closely()
+    assert search.best.model == fit.model
+    known = search.scores(1.0)
+    assert known.keys() == search.fits.keys()
+    assert known[fit.model] == pytest.approx(search.best.score, rel=1e-12)

@@ -486,9 +486,10 @@ def _field(
 
 
 def _known(search: Search[Weighing]) -> Known:
-    """By every coordinate of the catalogue, at the best model."""
+    """By every coordinate of the catalogue, at the best model; by its own where that has no way."""
     names = _catalogued(search.names)
-    columns = search.layout.columns(search.layout.whole(names))
-    around = search.around(search.best).of(columns)
+    around = search.seen_around(search.best) or search.best.here
+    columns = np.intersect1d(search.layout.columns(search.layout.whole(names)), around.columns)
+    around = around.of(columns)
     every = search.problem.coordinates.every
     return Known(tuple(every[c].key for c in columns), around.hessian)

@@ -7,6 +7,7 @@ solve; what looks best is refitted, and what was refitted is what counts.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Generic, TypeVar
@@ -126,6 +127,11 @@ class Search(Generic[Kind]):
 
         What is periodic, and means nothing in the model, stands at the side from which its group
         takes off most.
+
+        Raises
+        ------
+        SolveError
+            Nothing balances beside it: a fit may end on the edge of stability.
         """
         for problem, names, of, around in self.looked:
             same = problem is self.problem and names == self.names and of.model == fit.model
@@ -141,6 +147,12 @@ class Search(Generic[Kind]):
         self.looked[:] = [(self.problem, self.names, fit, found)]
         return found
 
+    def seen_around(self, fit: Fit) -> Linearised | None:
+        """`around`, or None where nothing balances beside a fit."""
+        with suppress(SolveError):
+            return self.around(fit)
+        return None
+
     def _of(self, model: Model) -> Model:
         """The groups of a model in their largest form."""
         return self.layout.whole(dict(model))
@@ -148,7 +160,10 @@ class Search(Generic[Kind]):
     def _left(self, fit: Fit, at: int, x: Floats) -> float:
         """What a coordinate's governor takes off the misfit from one side, less than nothing."""
         governor = self.layout.governor[[at]]
-        here = self.problem.linearise(x, governor, fit.here.near)
+        try:
+            here = self.problem.linearise(x, governor, fit.here.near)
+        except SolveError:
+            return 0.0
         return -float(np.maximum(here.gradient[0], 0.0) ** 2 / here.hessian[0, 0])
 
     def improved(self, fit: Fit, fewer: int | None = None, *, to_noise: bool = False) -> Fit:
@@ -166,7 +181,8 @@ class Search(Generic[Kind]):
         """
         noise = self.problem.count / self.problem.inflation if to_noise else np.inf
         while fewer is None or len(fit.model) < fewer or fit is self.best:
-            around = self.around(fit)
+            if (around := self.seen_around(fit)) is None:
+                break
             ahead = fewer - len(fit.model) if fewer is not None else None
             if fit is self.best and not to_noise:
                 ahead = None
@@ -240,13 +256,15 @@ class Search(Generic[Kind]):
             is thus as sure as the noise that it leaves lets it be.
         """
         best = self.best
-        forecast = self._forecasts(self.around(best), best.model)
 
         def tempered(model: Model, score: float) -> float:
             before = self.layout.believed(model)
             return (score - before) / temper + before
 
         known = {model: tempered(model, fit.score) for model, fit in self.fits.items()}
+        if (around := self.seen_around(best)) is None:
+            return known
+        forecast = self._forecasts(around, best.model)
         reach = known[best.model] + 2.0 * np.log(1.0 / LEAST_SHARE)
 
         def within(models: Iterable[Model]) -> list[Model]:
@@ -280,7 +298,8 @@ class Search(Generic[Kind]):
 
     def promise(self, fit: Fit) -> float:
         """Score of what is left when all is taken out that the forecast can do without."""
-        return self._path(fit.model, self.around(fit))[1]
+        around = self.seen_around(fit)
+        return fit.score if around is None else self._path(fit.model, around)[1]
 
     def _path(self, model: Model, around: Linearised) -> tuple[list[Model], float]:
         """Ever smaller models, as long as the forecast evidence rises, and that of the last."""
@@ -367,9 +386,10 @@ class Search(Generic[Kind]):
                 found = self.fit(larger, start)
                 if found is not None and found.here.square <= fit.here.square:
                     # what the other side needed may go
-                    thinned = self._thinned(found, self.around(found)) or found
-                    if thinned.score < fit.score:
-                        return thinned
+                    around = self.seen_around(found)
+                    thinned = None if around is None else self._thinned(found, around)
+                    if (thinned or found).score < fit.score:
+                        return thinned or found
         return None
 
     def _refit(self, model: Model, around: Linearised) -> Fit | None:
