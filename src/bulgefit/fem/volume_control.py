@@ -90,7 +90,7 @@ def at_volume(
         rate = (volume - volume_of(membrane, displacement) + force @ back) / growth
         correction = rate * ahead - back
         size = float(np.abs(correction).max())
-        # shapes of volumes near by are; it leads away, and of what is there a factor fills up
+        # shapes of volumes near by lie within it; far from any, a factor may fill up without end
         if not size <= membrane.radius:
             break
         displacement = displacement + membrane.spread(correction)

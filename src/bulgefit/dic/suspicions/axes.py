@@ -74,8 +74,8 @@ def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
 def _about_directions(motion: InPlane) -> Iterator[Suspicion]:
     scores = {way: float((np.array(way) * motion.swelling).sum()) for way in _WAYS}
     way = max(scores, key=lambda key: scores[key])
-    # 2 is expected of the right way; below 1 no way at all is the nearer one, and it is no farther
-    # off than more than 4, as where heights are next to nothing
+    # 2 is expected of the right way, and 0 of none: below 1 none is the nearer one, and above 4 the
+    # way is farther off than none is, as where heights are next to nothing
     margin = scores[way] - float(np.trace(motion.swelling))
     error = _SURE * float(np.sqrt((motion.swelling_error**2).sum()))
     if 1 < scores[way] <= 4 and margin > error:
