@@ -16,6 +16,7 @@ from bulgefit.report.page.of_diagnosis import page_of_diagnosis
 from bulgefit.report.page.page import page_html
 from bulgefit.report.record import record_of
 from bulgefit.report.words.blocks import blocks_of
+from bulgefit.report.words.names import budget_labels
 from bulgefit.report.words.next import advice_items
 from bulgefit.report.words.table import table
 
@@ -299,3 +300,14 @@ def test_titles_of_modes_stay_in_their_panels(pair):
     assert max(box.x1 for box in boxes) < figure.bbox.x1
     for left, right in pairwise(boxes):
         assert left.y0 != right.y0 or left.x1 < right.x0
+
+
+def test_a_part_without_which_nothing_balanced_is_no_offset_of_every_point():
+    rows = [("reference_field", []), ("clamp_shape", []), ("creep", ["rate"])]
+    budget = [{"effect": e, "specimen": None, "parameters": p} for e, p in rows]
+    assert budget_labels({"report": {"budget": [{}, *budget]}}) == [
+        "moduli alone",
+        "reference_field (an offset of every point)",
+        "clamp_shape (counted with the next one)",
+        "creep (rate)",
+    ]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bulgefit.effects.parameter import Owned
+from bulgefit.gap.effects import CREASES
 from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
 
@@ -45,13 +46,14 @@ def budget_labels(record: Record) -> list[str]:
     labels = ["moduli alone"]
     for row in record["report"]["budget"][1:]:
         owner = "" if row["specimen"] is None else f" of {names_of(record)[row['specimen']]}"
-        labels.append(f"{row['effect']}{owner} ({_form(row['parameters'])})")
+        labels.append(f"{row['effect']}{owner} ({_form(row['effect'], row['parameters'])})")
     return labels
 
 
-def _form(parameters: Sequence[str]) -> str:
+def _form(effect: str, parameters: Sequence[str]) -> str:
     if not parameters:
-        return "an offset of every point"
+        # nothing balanced with it and what came before alone
+        return "an offset of every point" if effect == CREASES else "counted with the next one"
     if len(parameters) > _NAMED:
         return f"{parameters[0]} to {parameters[-1]}, {len(parameters)} parameters"
     return ", ".join(parameters)
