@@ -28,6 +28,7 @@ FABRICS = {
     "straight": Fabric(),
     "gains": Fabric(slack=(0.002, -0.001), gain=(500.0, 300.0)),
     "bends": Fabric(slack=(0.002, -0.001), gain=(50.0, 0.0), bend=(-100.0, 60.0)),
+    "spent": Fabric(slack=(0.002, -0.001), gain=(-900.0, -2500.0), bend=(-100.0, 60.0)),
     "curve": Fabric(slack=(0.002, -0.001), curve=CURVE),
     "all": Fabric(slack=(0.002, -0.001), gain=(50.0, 9.0), bend=(90.0, 60.0), curve=CURVE),
     "coupled": Fabric(

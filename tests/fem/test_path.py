@@ -17,7 +17,7 @@ from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import linear_interpolation_bound
 from bulgefit.fem.trace import trace
-from bulgefit.fem.volume_control import Point, at_volume, volume_of
+from bulgefit.fem.volume_control import Point, at_volume
 
 LEVELS = np.linspace(0.001, 3.0, 200) / 10
 CONSTANTS = (303.0, 229.0, 5.0, 0.24)
@@ -142,7 +142,7 @@ def test_limit_pressure_lies_between_shapes_and_none() -> None:
     ]
     assert rise[0] / rise[1] == pytest.approx(np.sqrt(10.0), rel=0.1)
     # and more volume takes less pressure: there is a fold
-    apart = volume_of(membrane, near.displacement[-1])
+    apart = membrane.volume(near.displacement[-1])
     start = near.displacement[-1]
     points = [at_volume(membrane, soft, start, limit, share * apart) for share in (1.0, 1.03, 1.06)]
     assert max(point.pressure for point in points) <= limit * (1 + 1e-5)
@@ -163,7 +163,7 @@ def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
         trace(membrane, soft, (0.0115, 0.3))
     assert caught.value.cause is Cause.LIMIT_PRESSURE
     shape = trace(membrane, soft, (0.0115, 0.0115)).displacement[0]
-    volume, pressures = volume_of(membrane, shape), [0.0115]
+    volume, pressures = membrane.volume(shape), [0.0115]
     for share in np.linspace(1.0, 2.0, 101):
         point = at_volume(membrane, soft, shape, pressures[-1], share * volume)
         shape = point.displacement
@@ -185,7 +185,7 @@ def test_what_leads_away_from_a_volume_is_not_followed(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(membrane, "state", watched)
     with pytest.raises(NewtonError, match="no convergence at a given volume"):
-        at_volume(membrane, stiffness, shape, 0.05, 20.0 * volume_of(membrane, shape))
+        at_volume(membrane, stiffness, shape, 0.05, 20.0 * membrane.volume(shape))
     assert max(farthest) < 3.0 * membrane.radius
 
 
@@ -249,15 +249,13 @@ def test_shape_of_a_volume_is_that_of_its_pressure() -> None:
     membrane = Membrane(disc(100.0, 2), 0.81)
     path = trace(membrane, stiffness)
     there = solve(membrane, path(0.25)[0], 0.25, stiffness).displacement
-    volume = volume_of(membrane, there)
+    volume = membrane.volume(there)
     found = at_volume(membrane, stiffness, path(0.24)[0], 0.24, volume)
     assert found.pressure == pytest.approx(0.25, rel=1e-9)
     np.testing.assert_allclose(found.displacement, there, rtol=0, atol=1e-7)
     flat = there * [0.0, 0.0, 1.0]
     heights = flat[membrane.mesh.cells, 2] @ SHAPE.T
-    assert volume_of(membrane, flat) == pytest.approx(
-        float((heights * membrane.surface.area).sum())
-    )
+    assert membrane.volume(flat) == pytest.approx(float((heights * membrane.surface.area).sum()))
 
 
 SOFT = orthotropic_stiffness(343.0, 248.0, 1.5, 0.24)
@@ -421,8 +419,8 @@ def test_levels_stand_where_slack_cloth_draws_taut() -> None:
     for p, shape in zip(pressures, path(pressures), strict=True):
         guess = flat_guess(membrane, p, stiffness)
         balanced = solve(membrane, guess, p, stiffness, patient=True).displacement
-        volume = volume_of(membrane, balanced)
-        assert volume_of(membrane, shape) == pytest.approx(volume, rel=1e-3)
+        volume = membrane.volume(balanced)
+        assert membrane.volume(shape) == pytest.approx(volume, rel=1e-3)
 
 
 def test_levels_between_others_are_looked_for_with_patience() -> None:

@@ -48,7 +48,8 @@ def test_paths_and_their_derivatives_are_the_wholes(mesh: Mesh, law: str, fabric
     ):
         assert mine is not None
         assert theirs is not None
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-5 * np.abs(theirs).max())
+        # by factors of shapes 1e-5 mm away, which rounding may choose otherwise
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=5e-5 * np.abs(theirs).max())
 
 
 @pytest.mark.parametrize("refine", [EVEN, ODD])

@@ -26,6 +26,21 @@ def test_hencky_pulls_with_its_modulus_and_gain() -> None:
         )
 
 
+@pytest.mark.parametrize(("k", "s"), [(-8.0, 0.0), (-8.0, -0.9), (-2.0, 3.0)])
+def test_a_gain_that_softens_leaves_a_slope(k: float, s: float) -> None:
+    """A tenth of what the bend leaves, at any strain; before that the gain is k E e²."""
+    fabric = Fabric(gain=(k * 330.0, 0.0), bend=(s * 330.0, 0.0), knee=(0.01, 0.01))
+    q = fabric.law_parameters(STIFFNESS)
+    strain = np.linspace(0.0, 0.6, 2401)
+    found = uniaxial(LAWS["hencky"], q, strain, 0)
+    left = 330.0 * (1.0 + min(s, 0.0))
+    assert (np.diff(found) / np.diff(strain)).min() >= 0.0999 * left
+    early = strain < 0.45 * (1.0 + min(s, 0.0)) / -k
+    e = strain[early]
+    bent = s * (e - 0.01 * np.arctan(e / 0.01))
+    np.testing.assert_allclose(found[early], 330.0 * (e + k * e**2 + bent), rtol=1e-9, atol=1e-12)
+
+
 def test_svk_pulls_with_its_modulus_by_greens_strain() -> None:
     """S = E ε, and ∂W/∂e = S C by the logarithmic strain."""
     q = Fabric().law_parameters(STIFFNESS)

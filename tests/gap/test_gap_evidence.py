@@ -461,8 +461,8 @@ def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
     problem = Known([group("a", [1e2])], np.zeros(200_000), curve)
     layout = Layout.of(problem.groups)
     plain, fit = (
-        descend(problem, layout, layout.whole(), np.array([-8.0]), to_noise=given_up)
-        for given_up in (False, True)
+        descend(problem, layout, layout.whole(), np.array([-8.0]), hope=hope)
+        for hope in (None, problem.count / problem.inflation)
     )
     assert plain.here.square - missed**2 < 2000.0
     if missed:

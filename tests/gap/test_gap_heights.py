@@ -13,6 +13,7 @@ from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import acting
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.heights import height_rows, plane_rows
 from bulgefit.gap.evidence.outcome import regression_of
@@ -56,7 +57,8 @@ def weighing_of(
     effects = [acting()[name] for name in names]
     coordinates = Coordinates.of(effects, [d.specimen.nulls()])
     layout = Layout.of(coordinates.groups)
-    return Weighing([d], coordinates, None if offsets is None else [offsets]), layout
+    creases = None if offsets is None else [Creases.of(d, offsets, 0.0)]
+    return Weighing([d], coordinates, creases), layout
 
 
 def off_the_null(layout: Layout) -> np.ndarray:

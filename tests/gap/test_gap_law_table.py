@@ -9,6 +9,7 @@ from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import catalogue
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout
@@ -112,7 +113,7 @@ def test_offsets_of_the_points_are_heights_turned_round(seen: Data, fit: Regress
             for c in coordinates.every
         ]
     )
-    weighing = Weighing([seen], coordinates, [np.full(3, 0.5)])
+    weighing = Weighing([seen], coordinates, [Creases.of(seen, np.full(3, 0.5), 0.0)])
     beside = regression_of(weighing, descend(weighing, layout, layout.whole(), start))
     (implied,), (other,) = (implied_references([seen], f) for f in (beside, fit))
     assert implied.stderr is not None

@@ -11,6 +11,7 @@ import pytest
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
@@ -67,7 +68,9 @@ def test_a_pattern_within_the_models_floor_is_seen(scene: Scene) -> None:
 def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> None:
     """They take away what stays the same, of the noise too; a pattern that changes sign is left."""
     coordinates = Coordinates.of([], [d.specimen.nulls() for d in scene.data])
-    creased = Weighing(scene.data, coordinates, [np.full(3, 1.0)])
+    creased = Weighing(
+        scene.data, coordinates, [Creases.of(d, np.full(3, 1.0), 0.0) for d in scene.data]
+    )
     layout, start = Layout.of(coordinates.groups), np.log(list(TRUTH.values()))
     fit = regression_of(creased, descend(creased, layout, freeze({}), start))
     found = structure(scene.data, fit)

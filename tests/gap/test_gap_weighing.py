@@ -15,6 +15,7 @@ from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of, seen_by
@@ -111,7 +112,9 @@ def test_threads_change_no_bit(data: Data) -> None:
 def test_what_a_fit_predicts_is_what_its_regression_does(data: Data, creased: bool) -> None:
     weighing, layout = weighing_of([data])
     if creased:
-        weighing = Weighing([data], weighing.coordinates, [np.full(3, 0.01)])
+        weighing = Weighing(
+            [data], weighing.coordinates, [Creases.of(data, np.full(3, 0.01), 12.0)]
+        )
     start = near_the_truth(weighing, layout)
     fit = descend(weighing, layout, freeze({Owned("clamp_slip"): 0}), start)
     whole, seen = regression_of(weighing, fit), seen_by(weighing, fit)
@@ -138,27 +141,30 @@ def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-7)
 
 
-def test_offsets_of_points_are_integrated_out(data: Data) -> None:
-    """r C⁻¹ r + ln det C with C = 1 + t² for each two frames of a point, by a dense matrix."""
+@pytest.mark.parametrize("length", [0.0, 12.0])
+def test_offsets_of_points_are_integrated_out(length: float, data: Data) -> None:
+    """v r C⁻¹ r and ln det C/v, C = v + K for each two frames of two points, by a dense matrix."""
     prior = np.array([0.01, 0.02, 0.05])
     used = np.array(data.used)
     used[2, ::3] = False
-    some = replace(data, used=used)
+    some = replace(data, used=used, inflation=3.0)
     plain, layout = weighing_of([some])
     x, columns = near_the_truth(plain, layout), np.arange(3)
-    weighing = Weighing([some], plain.coordinates, [prior])
+    weighing = Weighing([some], plain.coordinates, [Creases.of(some, prior, length)])
     found = weighing.linearise(x, columns)
     rows = plain._rows(some, plain.seen(x, list(columns), 0), x, list(columns))
-    points = used.shape[1]
+    points = some.specimen.reference[:, :2]
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    q = np.sqrt(5.0) * apart / (length or 1.0)
+    alike = (1.0 + q + q**2 / 3.0) * np.exp(-q) if length else np.eye(len(points))
     exact, log_det = np.zeros((4, 4)), 0.0
-    for point in range(points):
-        for axis in range(3):
-            seen = used[:, point, axis]
-            t = prior[axis] / some.sigma[axis]
-            covariance = np.eye(seen.sum()) + t**2
-            own = rows[:, seen, point, axis]
-            exact += own @ np.linalg.solve(covariance, own.T)
-            log_det += np.linalg.slogdet(covariance)[1]
+    for axis in range(3):
+        frame, point = np.nonzero(used[..., axis])
+        of_offsets = (prior[axis] / some.sigma[axis]) ** 2 * alike[np.ix_(point, point)]
+        covariance = np.eye(len(point)) + of_offsets / 3.0
+        own = rows[:, frame, point, axis]
+        exact += own @ np.linalg.solve(covariance, own.T)
+        log_det += np.linalg.slogdet(covariance)[1]
     assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
     np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-8)
     np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-6)

@@ -65,6 +65,10 @@ class State:
     change: Floats | None = None
 
 
+#: Share of the slope along warp or fill that a gain may take, and a strain that no fabric has.
+_SPENT, _NEVER = 0.9, 1e9
+
+
 @dataclass(frozen=True, eq=False)
 class Fabric:
     """What a specimen may have beside its moduli; the default is a flat, even, clamped fabric.
@@ -78,7 +82,8 @@ class Fabric:
     slack : (2,) tuple
         Stress-free excess strain along warp and fill, 1; negative is pretension.
     gain : (2,) tuple, MPa
-        Stress along warp and fill gains this times the squared elastic strain, in tension.
+        Stress along warp and fill gains this times the squared elastic strain, in tension; where it
+        softens, until a tenth of the slope is left: from there on the slope stays.
     bend : (2,) tuple, MPa
         The slope of stress along warp and fill changes by this beyond the knee, in tension.
     knee : (2,) tuple
@@ -121,7 +126,17 @@ class Fabric:
             _check_coupling(self.coupling, stiffness)
         own = *self.slack, *self.gain, *self.bend, *self.knee
         curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel().tolist()
-        return (*map(float, (*stiffness, *own)), *curve, *map(float, self.coupling))
+        last = *self.coupling, *self._spent(stiffness)
+        return (*map(float, (*stiffness, *own)), *curve, *map(float, last))
+
+    def _spent(self, stiffness: Floats) -> Floats:
+        """Strains (2,) at which a gain that softens has taken its share of what bends leave."""
+        if min(self.gain) >= 0.0:
+            return np.full(2, _NEVER)
+        d11, d22, d12, _ = stiffness
+        left = np.array([d11 - d12**2 / d22, d22 - d12**2 / d11]) + np.minimum(self.bend, 0.0)
+        falling = np.maximum(-np.array(self.gain), 0.5 * _SPENT * (d11 + d22) / _NEVER)
+        return np.maximum(0.5 * _SPENT * left / falling, 0.0)
 
 
 def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
@@ -359,14 +374,23 @@ class Membrane:
 
     def pressure_force(self, displacement: Floats) -> Floats:
         """-∂R/∂p: force of a unit pressure on the free displacements, (N,) mm²."""
+        return self.gather(self._lift(displacement))
+
+    def volume(self, displacement: Floats) -> float:
+        """Volume V beneath a shape, mm³: homogeneous of third degree in x, so 3 V = x·∂V/∂x."""
+        return float((self._lift(displacement) * (self.reference + displacement)).sum()) / 3.0
+
+    def _lift(self, displacement: Floats) -> Floats:
+        """∂V/∂x at all nodes, (n, 3) mm²."""
         out = np.empty_like(self.reference)
         assemble_pressure(self.reference + displacement, self.mesh.cells, self.share, out)
-        return self.gather(out)
+        return out
 
     def stiffness_force(self, displacement: Floats, stiffness: Floats) -> Floats:
         """∂R/∂(D11, D22, D12, D33) at fixed displacement, (4, N) mm²."""
         law = LAWS[self.law]
-        if law.by_stiffness is None or self.fabric.curve is not None:
+        moduli_elsewhere = self.fabric.curve is not None or min(self.fabric.gain) < 0.0
+        if law.by_stiffness is None or moduli_elsewhere:
             return self._stiffness_differences(displacement, stiffness)
         out = np.empty((4, *self.reference.shape))
         ok = assemble_sensitivity(

@@ -17,7 +17,7 @@ from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.path import Path
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
-from bulgefit.fem.volume_control import Point, at_volume, highest_pressure, volume_of
+from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["TOLERANCE", "trace"]
 
@@ -510,7 +510,7 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
         At the limit pressure, where the law loses ellipticity, or where this does not do either.
     """
     last = tracer.levels[-1]
-    volume = volume_of(tracer.membrane, last.displacement)
+    volume = tracer.membrane.volume(last.displacement)
     points = [Point(last.displacement, last.s**3, volume, last.stable, True, 0)]
     growth = _first_growth(tracer, volume)
     for _ in range(_BY_VOLUME):
@@ -558,7 +558,7 @@ def _first_growth(tracer: _Tracer, volume: float) -> float:
     """
     if len(tracer.levels) < 2:
         return _GROWTH
-    grown = volume - volume_of(tracer.membrane, tracer.levels[-2].displacement)
+    grown = volume - tracer.membrane.volume(tracer.levels[-2].displacement)
     return min(_GROWTH, max(_LEAST_GROWTH, grown / abs(volume)))
 
 
@@ -704,7 +704,7 @@ def _check_between(tracer: _Tracer, low: _Level, high: _Level) -> None:
     """
     at = tracer.levels.index(low) + 1
     shapes = [level.displacement for level in (low, tracer.levels[at], high)]
-    below, between, above = (volume_of(tracer.membrane, shape) for shape in shapes)
+    below, between, above = (tracer.membrane.volume(shape) for shape in shapes)
     if not (tracer.levels[at].stable and below < between < above):
         del tracer.levels[at]
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)

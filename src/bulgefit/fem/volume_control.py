@@ -22,7 +22,7 @@ from bulgefit.fem.equilibrium import CORRECTION, NewtonError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 
-__all__ = ["Point", "at_volume", "highest_pressure", "volume_of"]
+__all__ = ["Point", "at_volume", "highest_pressure"]
 
 Floats = NDArray[np.float64]
 
@@ -57,14 +57,6 @@ class Point:
     work: int
 
 
-def volume_of(membrane: Membrane, displacement: Floats) -> float:
-    """Volume beneath a shape, mm³: by how much a unit pressure lowers the potential."""
-    none, unit = (
-        membrane.state(displacement, p, np.zeros(4), tangent=False).potential for p in (0.0, 1.0)
-    )
-    return none - unit
-
-
 def at_volume(
     membrane: Membrane, stiffness: Floats, start: Floats, pressure: float, volume: float
 ) -> Point:
@@ -87,7 +79,7 @@ def at_volume(
         force = membrane.pressure_force(displacement)
         back, ahead = factor.solve(np.array([state.residual, force]).T).T
         growth = float(force @ ahead)
-        rate = (volume - volume_of(membrane, displacement) + force @ back) / growth
+        rate = (volume - membrane.volume(displacement) + force @ back) / growth
         correction = rate * ahead - back
         size = float(np.abs(correction).max())
         # shapes of volumes near by lie within it; far from any, a factor may fill up without end

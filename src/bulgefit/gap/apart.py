@@ -25,7 +25,7 @@ from bulgefit.parallel.journal import kept
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["taken_apart"]
+__all__ = ["refitted", "taken_apart"]
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ def _between(
         model = _less(fit.model, names[count:])
         smaller = None
         for start in dict.fromkeys((larger, fit)):
-            at = partial(_smaller, weighing.afresh(), layout, model, start.x, start.here.near)
+            at = partial(refitted, weighing.afresh(), layout, model, start.x, start.here.near)
             smaller = smaller or kept(at)
         larger = smaller or larger
         found.append(_told(weighing.afresh(), smaller) if smaller is not None else None)
@@ -106,7 +106,7 @@ def _refit(
     # what a specimen remembers of earlier solves differs from process to process, in the last bits
     weighing = weighing.afresh()
     with one_blas_thread():
-        fit = _smaller(weighing, layout, model, x, near)
+        fit = refitted(weighing, layout, model, x, near)
         return _told(weighing, fit) if fit is not None else None
 
 
@@ -118,7 +118,7 @@ def _told(weighing: Weighing, fit: Fit) -> Regression:
     return replace(found, predictions=seen)
 
 
-def _smaller(
+def refitted(
     weighing: Weighing, layout: Layout, model: Model, x: Floats, near: object
 ) -> Fit | None:
     """A smaller model from where a larger one stands; None where nothing balances.

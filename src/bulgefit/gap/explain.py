@@ -8,24 +8,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import SolveError
-from bulgefit.gap.apart import taken_apart
+from bulgefit.gap.apart import refitted, taken_apart
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import (
     Coordinates,
     is_field,
 )
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
-from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.search import GROWN, Search
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.ways import Ways
 from bulgefit.gap.evidence.weighing import Weighing
@@ -107,7 +109,7 @@ def explain(
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
     pace.begins(Stage.SEARCH)
-    search, creased = _searched(
+    search, creases_worth = _searched(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found = search.best
@@ -116,7 +118,8 @@ def explain(
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    weighing = Weighing(whole, coordinates, search.problem.offsets).beside(_excess(search))
+    offsets = _on(whole, search.problem.offsets)
+    weighing = Weighing(whole, coordinates, offsets).beside(_excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
@@ -129,11 +132,15 @@ def explain(
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
-    if creased is not None:
+    if offsets is not None:
         say("the model without offsets")
         creases = Owned(CREASES)
         keys[creases] = offsets_of_points(len(whole))
-        evidence[creases] = _of_creases(Weighing(whole, coordinates), creased, tempered)
+        bare = Weighing(whole, coordinates)
+        smooth = refitted(bare, layout, fit.model, fit.x, fit.here.near)
+        chance = float(expit(0.5 * creases_worth / tempered))
+        rest = None if smooth is None else regression_of(bare, smooth)
+        evidence[creases] = Evidence(chance, (), rest, {})
         found_fields.append(FoundField(creases, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
@@ -194,12 +201,13 @@ def _rough(
         d.specimen.correction = None
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(_catalogued(_free(layout)))
+    hope = weighing.count / weighing.inflation
     try:
-        return kept(lambda: descend(weighing, layout, model, start, roughly=True, to_noise=True))
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True, hope=hope))
     except SolveError:
         other = np.array(start)
         other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return kept(lambda: descend(weighing, layout, model, other, roughly=True, to_noise=True))
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True, hope=hope))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
@@ -219,22 +227,22 @@ def _searched(
     pace: Pace,
     *,
     thorough: bool,
-) -> tuple[Search[Weighing], _Creased | None]:
+) -> tuple[Search[Weighing], float]:
     """Models weighed on as many points as the noise's correlation leaves.
 
-    The search whose best model holds: that by points as they are, that beside offsets of every
-    point, or the better one gone through again by what its largest model leaves. Also both of the
-    former, where offsets pay.
+    The search whose best model holds: that by points as they are, that beside offsets of the
+    points, or the better one gone through again by what its largest model leaves. Also what -2 ln Z
+    falls by with offsets.
 
     Units that were fixed by a fit that missed are fixed anew, by everything and by what is left of
     it: with all fields free the shape is off by more than the errors of what is then taken out.
     """
-    found, both, enough = _begun(
+    found, worth, enough = _begun(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     if enough:
         found.finish()
-        return found.search, both
+        return found.search, worth
     pace.begins(Stage.UNITS)
     for settle in (_Trial.thinned, _Trial.settled):
         say("units anew")
@@ -243,7 +251,7 @@ def _searched(
         # what came before is not asked any more, and gives its memory back
         found = found.anew(_thinned([p.data for p in prepared]))
         found = settle(found)
-    return found.search, both
+    return found.search, worth
 
 
 def _begun(
@@ -256,12 +264,12 @@ def _begun(
     pace: Pace,
     *,
     thorough: bool,
-) -> tuple[_Trial, _Creased | None, bool]:
-    """The search that is gone on with, both beside it where offsets pay, and if that is enough.
+) -> tuple[_Trial, float, bool]:
+    """The search that is gone on with, what offsets of the points are worth in it, and if it ends.
 
     Elimination begins where everything together leaves nothing but noise: that is enough. Where all
-    that have names leave more, so do fewer: offsets are tried, which cost no coordinates, and then
-    the fields.
+    that have names leave more, so do fewer: offsets are tried, which cost no coordinates, then the
+    fields, and these beside offsets.
     """
     data = _thinned([p.data for p in prepared])
     plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
@@ -273,21 +281,23 @@ def _begun(
         # what everything together was given up at says nothing of smaller models
         plain.ways.from_below(to_noise=True)
     if plain.is_content:
-        return plain, None, True
+        return plain, 0.0, True
     pace.begins(Stage.FIELDS)
-    sizes = _offset_sizes(data, plain.seen)
-    creased = None
-    if any(size.any() for size in sizes):
-        say("an offset of every point")
-        beside = _Trial.of(Weighing(data, coordinates, sizes), layout, rough, origin, say)
+    found = plain
+    if (offsets := _offsets(data, plain.seen)) is not None:
+        say("offsets of the points")
+        beside = _Trial.of(Weighing(data, coordinates, offsets), layout, rough, origin, say)
         beside.ways.by_elimination(lambda: beside.is_content)
-        creased = beside if beside.search.fits else None
-    if creased is not None and creased.is_content:
-        return creased, _Creased(plain.search, creased.search), True
+        found = beside if beside.search.fits else plain
+    if found.is_content:
+        return found, plain.score - found.score, True
     whole = plain.ways.with_fields()
-    if creased is not None and _score(creased.search) >= plain.search.best.score:
-        creased = None
-    found = plain if creased is None else creased
+    if found.score >= plain.score:
+        found = plain
+    if whole is not None and not plain.is_content:
+        both = plain.beside_offsets(whole)
+        if both is not None and both.score < found.score:
+            return both, plain.score - both.score, both.is_content
     best = found.search.best
     # coordinates by the hundred that nothing asks for may cost fields more than others leave
     if (
@@ -295,19 +305,8 @@ def _begun(
         and whole is not best
         and plain.search.promise(whole) < found.search.promise(best)
     ):
-        found, creased = (
-            replace(plain, search=replace(plain.search, fits={whole.model: whole})),
-            None,
-        )
-    return found, None if creased is None else _Creased(plain.search, creased.search), False
-
-
-@dataclass(frozen=True, eq=False)
-class _Creased:
-    """Searches by points as they are, and beside an offset of every point."""
-
-    plain: Search[Weighing]
-    creased: Search[Weighing]
+        found = replace(plain, search=replace(plain.search, fits={whole.model: whole}))
+    return found, plain.score - found.score, False
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,9 +338,27 @@ class _Trial:
         return seen_by(self.search.problem, self.search.best)
 
     @property
+    def score(self) -> float:
+        """-2 ln Z of the best model, with what its offsets cost."""
+        return self.search.best.score + self.search.problem.cost
+
+    @property
     def is_content(self) -> bool:
         """Whether the best model leaves nothing but noise."""
         return not structure(self.data, self.seen).significant
+
+    def beside_offsets(self, fit: Fit) -> _Trial | None:
+        """A model from where it stands, beside offsets of the points; None where it leaves none."""
+        problem = self.search.problem
+        if (offsets := _offsets(self.data, seen_by(problem, fit))) is None:
+            return None
+        self.search.say("offsets of the points beside the fields")
+        weighing = Weighing(self.data, problem.coordinates, offsets)
+        search = replace(self.search, problem=weighing, fits={}, share=GROWN)
+        if search.fit(fit.model, fit.x, fit.here.near, roughly=True) is None:
+            return None
+        search = replace(search, share=0.0)
+        return replace(self, search=search, ways=replace(self.ways, search=search))
 
     def finish(self) -> None:
         """What else may be, where nothing is left: fewer effects, or a field in their place.
@@ -357,7 +374,7 @@ class _Trial:
     def anew(self, data: Sequence[Data]) -> _Trial:
         """The best model alone, by data in other units."""
         best, problem = self.search.best, self.search.problem
-        weighing = Weighing(data, problem.coordinates, problem.offsets)
+        weighing = Weighing(data, problem.coordinates, _on(data, problem.offsets))
         search = replace(self.search, problem=weighing, fits={})
         search.fit(best.model, best.x, best.here.near, roughly=True)
         return replace(self, data=data, search=search, ways=replace(self.ways, search=search))
@@ -411,33 +428,20 @@ class _Trial:
         return search
 
 
-def _score(search: Search[Weighing]) -> float:
-    """-2 ln Z of the best model, with what its offsets cost."""
-    return search.best.score + search.problem.cost
+def _offsets(data: Sequence[Data], fit: Seen) -> list[Creases] | None:
+    """What the points of each specimen show in all frames, beyond the noise; None without any."""
+    pairs = zip(data, fit.predictions, strict=True)
+    found = [Creases.likeliest(d, p.displacement) for d, p in pairs]
+    if not any(found):
+        return None
+    return [c or Creases.of(d, np.zeros(3), 0.0) for d, c in zip(data, found, strict=True)]
 
 
-def _offset_sizes(data: Sequence[Data], fit: Seen) -> list[Floats]:
-    """Standard deviations (3,) mm of what every point has in all frames, beyond the noise.
-
-    The prior whose evidence is largest, for points that were seen equally often.
-    """
-    sizes = []
-    for d, p in zip(data, fit.predictions, strict=True):
-        number = d.used.sum(axis=0)
-        residual = np.where(d.used, d.specimen.measured - p.displacement, 0.0)
-        offset = residual.sum(axis=0) / np.maximum(number, 1)
-        noise = d.sigma**2 / np.maximum(number, 1)
-        seen = (number > 0).all(axis=1)
-        sizes.append(np.sqrt(np.maximum((offset**2 - noise)[seen].mean(axis=0), 0.0)))
-    return sizes
-
-
-def _of_creases(weighing: Weighing, both: _Creased, tempered: float) -> Evidence:
-    """What speaks for offsets of the points: the best model with them against that without."""
-    best = both.plain.best
-    odds = np.exp(-0.5 * (best.score - _score(both.creased)) / tempered)
-    smooth = descend(weighing, both.plain.layout, best.model, best.x, best.here.near, roughly=True)
-    return Evidence(float(1.0 / (1.0 + odds)), (), regression_of(weighing, smooth), {})
+def _on(data: Sequence[Data], offsets: Sequence[Creases] | None) -> list[Creases] | None:
+    """The same offsets over other data."""
+    if offsets is None:
+        return None
+    return [creases.on(d) for d, creases in zip(data, offsets, strict=True)]
 
 
 def _creases(data: Sequence[Data], final: Regression) -> Sampled:

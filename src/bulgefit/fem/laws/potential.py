@@ -31,12 +31,12 @@ KNOTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
 
 #: The entries of the tuple q that a law gets, 1 along warp and 2 along fill: stiffness (MPa), slack
 #: (1), gains (MPa), bends (MPa), knees (1), the curves' slopes at the knots over the modulus (MPa),
-#: and what couples shear with extension (MPa).
+#: what couples shear with extension (MPa), and the strains at which gains end (1).
 PARAMETERS = (
     *("D11", "D22", "D12", "D33"),
     *("slack_1", "slack_2", "gain_1", "gain_2", "bend_1", "bend_2", "knee_1", "knee_2"),
     *(f"curve_{axis}_{knot}" for axis in (1, 2) for knot in range(len(KNOTS))),
-    *("D13", "D23"),
+    *("D13", "D23", "spent_1", "spent_2"),
 )
 
 #: A bend's arctangent and logarithm: halvings by roots, after which so many terms leave 1e-17 for
@@ -54,7 +54,9 @@ def energy(e: NDArray[Any], q: tuple[float, ...]) -> NDArray[Any]:
     for axis, along in enumerate((x, y)):
         gain, bend, knee, curve = q[6 + axis], q[8 + axis], q[10 + axis], q[12 + 6 * axis :][:6]
         t = np.where(along.real > 0.0, along, 0.0)
-        psi = psi + gain * t**3 / 3.0
+        spent = q[26 + axis]
+        on, beyond = np.where(t.real < spent, t, spent), np.where(t.real < spent, 0.0, t - spent)
+        psi = psi + gain * (on**3 / 3.0 + on**2 * beyond + on * beyond**2)
         r = t / knee
         psi = psi + bend * knee**2 * (0.5 * r**2 - r * np.arctan(r) + 0.5 * np.log(1.0 + r**2))
         psi = psi + 0.5 * curve[0] * along**2
@@ -76,10 +78,12 @@ def straight_potential(e1, e2, e3, q):
     t2 = q[2] * e1 + q[1] * e2
     t3 = q[3] * e3
     psi = 0.5 * (t1 * e1 + t2 * e2 + t3 * e3)
-    p1, p2 = max(e1, 0.0), max(e2, 0.0)
+    p1, p2 = min(max(e1, 0.0), q[26]), min(max(e2, 0.0), q[27])
+    b1, b2 = max(e1 - q[26], 0.0), max(e2 - q[27], 0.0)
     psi += (q[6] * p1 * p1 * p1 + q[7] * p2 * p2 * p2) / 3.0
-    t1 += q[6] * p1 * p1
-    t2 += q[7] * p2 * p2
+    psi += q[6] * p1 * b1 * (p1 + b1) + q[7] * p2 * b2 * (p2 + b2)
+    t1 += q[6] * p1 * p1 + 2.0 * q[6] * p1 * b1
+    t2 += q[7] * p2 * p2 + 2.0 * q[7] * p2 * b2
     return psi, t1, t2, t3, q[0] + 2.0 * q[6] * p1, q[1] + 2.0 * q[7] * p2, q[3], q[2]
 
 
@@ -87,7 +91,8 @@ def straight_potential(e1, e2, e3, q):
 def potential(e1, e2, e3, q):
     """Potential, stress T = ∂ψ/∂e and stiffness H = ∂²ψ/∂e² of the strain (e11, e22, 2 e12).
 
-    Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e² and, where
+    Elastic strain e - slack. Along warp and fill, in tension, the stress gains a E e², up to the
+    strain at which a gain that softens is spent, so that the stress goes on rising; where
     a coating or crimp gives way, s E (e - κ atan(e/κ)): the slope goes from E to (1 + s) E, half
     of the way at the knee κ. A curve's slope is linear between the knots, so the stress is smooth.
     What couples shear with extension is in T; in H it is left to `coupled`.

@@ -77,7 +77,7 @@ def descend(
     *,
     roughly: bool = False,
     share: float = 0.0,
-    to_noise: bool = False,
+    hope: float | None = None,
 ) -> Fit:
     """Minimise |r|²/v + Σ((x - n)/s)² over a model's coordinates.
 
@@ -112,9 +112,9 @@ def descend(
         bottom from there. So it is where the trust region lets no step gain as much.
     share : float
         Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
-    to_noise : bool
-        Stop where gains fall, and the steps that are left would not lead down to the noise if each
-        gained as much as the last.
+    hope : float, optional
+        Stop where gains fall, and the steps that are left would not lead down to this |r|²/v +
+        Σ((x - n)/s)² if each gained as much as the last.
 
     Raises
     ------
@@ -153,10 +153,10 @@ def descend(
             if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
                 break
-            above = value - gained - noise
-            if gained < share * above or (
-                to_noise and gained < last and gained * (steps - taken) < above
-            ):
+            value -= gained
+            if gained < share * (value - noise):
+                break
+            if hope is not None and gained < last and gained * (steps - taken) < value - hope:
                 break
             last = gained
     found = laplace(here, layout, columns, problem.inflation)

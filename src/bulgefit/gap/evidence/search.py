@@ -19,7 +19,7 @@ from bulgefit.effects.parameter import Owned
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
-from bulgefit.gap.evidence.laplace import laplace
+from bulgefit.gap.evidence.laplace import laplace, quadratic
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.parallel.journal import kept
 
@@ -81,6 +81,11 @@ class Search(Generic[Kind]):
         """The fitted model with the most evidence."""
         return min(self.fits.values(), key=lambda fit: fit.score)
 
+    @property
+    def noise(self) -> float:
+        """What noise alone leaves of |r|²/v."""
+        return self.problem.count / self.problem.inflation
+
     def fit(
         self,
         model: Model,
@@ -88,11 +93,11 @@ class Search(Generic[Kind]):
         near: object = None,
         *,
         roughly: bool = False,
-        to_noise: bool = False,
+        hope: float | None = None,
     ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
-        None where nothing balances.
+        None where nothing balances. `hope` is what `descend` may be stopped by.
         """
         self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
         try:
@@ -105,7 +110,7 @@ class Search(Generic[Kind]):
                     near,
                     roughly=roughly or self.roughly,
                     share=self.share,
-                    to_noise=to_noise,
+                    hope=hope,
                 )
             )
         except SolveError:
@@ -179,7 +184,7 @@ class Search(Generic[Kind]):
         to_noise : bool
             The better one is one that leaves the noise alone, whatever the best one leaves.
         """
-        noise = self.problem.count / self.problem.inflation if to_noise else np.inf
+        noise = self.noise if to_noise else np.inf
         while fewer is None or len(fit.model) < fewer or fit is self.best:
             if (around := self.seen_around(fit)) is None:
                 break
@@ -220,13 +225,21 @@ class Search(Generic[Kind]):
         """
         rough = replace(self, roughly=True, share=GROWN)
         for model in self._smaller(fit.model):
-            less = rough.fit(model, fit.x, fit.here.near)
+            less = rough.fit(model, fit.x, fit.here.near, hope=self._as_good(fit, model))
             gone = set(dict(fit.model)) - set(dict(model))
             if self.best is fit and less is not None:
                 for name in gone:
                     rough._turned_in_place(less, name)
             if self.best is not fit:
                 return
+
+    def _as_good(self, fit: Fit, smaller: Model) -> float:
+        """|r|²/v + Σ((x - n)/s)² by which a smaller model would have as much evidence as a fit."""
+        columns, inflation = self.layout.columns(smaller), self.problem.inflation
+        value, _, _ = quadratic(fit.here, self.layout, columns, inflation)
+        forecast = laplace(fit.here, self.layout, columns, inflation)
+        volume = forecast.score + forecast.ahead - value
+        return fit.score - volume - self.layout.believed(smaller)
 
     def _turned_in_place(self, less: Fit, gone: Owned) -> None:
         """What is periodic, and its specimen's, fitted in the place of a group that is gone."""

@@ -63,7 +63,7 @@ class Ways(Generic[Kind]):
         """
         named = self._named
         whole = named.layout.whole(named.names)
-        found = named.fit(whole, self.start, self.near, roughly=True, to_noise=True)
+        found = named.fit(whole, self.start, self.near, roughly=True, hope=named.noise)
         if found is not None and hopeful():
             named.improved(found)
 

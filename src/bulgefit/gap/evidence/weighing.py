@@ -13,6 +13,7 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.heights import (
     height_rows,
     off_planes,
@@ -38,9 +39,9 @@ class Weighing:
     ----------
     data : sequence of Data
     coordinates : Coordinates
-    offsets : sequence of (3,) array, mm, optional
-        By specimen: standard deviations of the prior of an offset of every measured point, which
-        all its frames share. Such offsets are no coordinates: they are integrated out.
+    offsets : sequence of Creases, optional
+        By specimen: offsets of the points that its frames share. They are no coordinates: they are
+        integrated out.
     tempered : float
         By which the specimens' noise was raised beyond what it is (`beside`).
     misfits : sequence of Misfit, optional
@@ -51,7 +52,7 @@ class Weighing:
         self,
         data: Sequence[Data],
         coordinates: Coordinates,
-        offsets: Sequence[Floats] | None = None,
+        offsets: Sequence[Creases] | None = None,
         tempered: float = 1.0,
         misfits: Sequence[Misfit] | None = None,
     ) -> None:
@@ -104,17 +105,11 @@ class Weighing:
 
     @property
     def cost(self) -> float:
-        """Of the offsets, to be added to a score: what ln det A + 2 Σ ln s is of coordinates.
-
-        With a prior of t noise units, n frames of a point: ln(1 + n t²), for one in v points, since
-        so many count as one.
-        """
+        """Of the offsets, to be added to a score."""
         if self.offsets is None:
             return 0.0
-        return sum(
-            float(np.log1p(_frames_that_count(d) * (t / d.sigma) ** 2).sum()) / d.inflation
-            for d, t in zip(self.data, self.offsets, strict=True)
-        )
+        pairs = zip(self.data, self.offsets, strict=True)
+        return sum(creases.cost(d.inflation) for d, creases in pairs)
 
     def linearise(self, x: Floats, columns: Columns, near: Any = None) -> Linearised:
         """See `Problem`; `near` are the shapes of a neighbouring point."""
@@ -165,6 +160,9 @@ class Weighing:
         specimen, values = self.data[index].specimen, self.coordinates.values(x, index)
         try:
             shapes = specimen.shapes(values, names, near)
+            if near is not None and _loses_stability(near, shapes):
+                # a long step may land on another branch: the path from rest tells
+                shapes = specimen.shapes(values, names)
             found = specimen.sight(shapes, names)
         except NotPositiveDefiniteError as error:
             # moduli so far off that a tangent is nothing to the last digit
@@ -185,7 +183,7 @@ class Weighing:
 
         def flat(rows: Floats) -> Floats:
             if self.offsets is not None:
-                rows = _without(rows, shown(d), _of_offsets(d, self.offsets[index]))
+                rows = self.offsets[index].whitened(rows, shown(d), d.inflation)
             return rows.reshape(len(rows), -1)
 
         own, nothing = flat(rows), np.zeros((1, d.used.shape[1]))
@@ -239,28 +237,6 @@ def _gram(rows: Floats, threads: int) -> Floats:
         lambda part: part @ part.T, (rows[:, :half], rows[:, half:]), threads
     )
     return first + second
-
-
-def _frames_that_count(d: Data) -> Floats:
-    """Of each point's components (points, 3)."""
-    return np.asarray((shown(d) ** 2).sum(axis=0))
-
-
-def _of_offsets(d: Data, prior: Floats) -> Floats:
-    """What offsets of the points take off the sums of rows over the frames (points, 3).
-
-    With the sum S of a point's rows over its n frames and a prior of t noise units, the best offset
-    takes SSᵀ/(n + 1/t²) off products of rows; frames count by their trust. So do rows less
-    (1 - (1 + n t²)^-1/2)/n of their sum.
-    """
-    number, square = _frames_that_count(d), (prior / d.sigma) ** 2
-    return np.asarray((1.0 - 1.0 / np.sqrt(1.0 + number * square)) / np.maximum(number, 1e-300))
-
-
-def _without(rows: Floats, shown: Floats, share: Floats) -> Floats:
-    """Rows (k, frames, points, 3) without a share (points, 3) of what their frames have alike."""
-    sums = np.einsum("kfnc,fnc->knc", rows, shown) * share
-    return np.asarray(rows - sums[:, None] * shown)
 
 
 def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:

@@ -1,0 +1,99 @@
+"""Offsets of the points: how large, and how far apart they go together, is told from residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.gap.data import Data
+from bulgefit.gap.evidence.creases import Creases
+from bulgefit.gap.specimen import Specimen
+
+SIGMA = np.array([0.005, 0.005, 0.04])
+FRAMES, POINTS = 12, 380
+
+
+def seen(sizes: np.ndarray, length: float, seed: int) -> tuple[Data, np.ndarray]:
+    """A test whose every frame shows the same offsets under noise, and these (points, 3)."""
+    rng = np.random.default_rng(seed)
+    radius, angle = 95.0 * np.sqrt(rng.uniform(size=POINTS)), 2 * np.pi * rng.uniform(size=POINTS)
+    reference = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * radius])
+    offset = rng.normal(size=(POINTS, 3))
+    if length:
+        apart = np.linalg.norm(reference[:, None] - reference, axis=2)
+        q = np.sqrt(5.0) * apart / length
+        correlation = (1.0 + q + q**2 / 3.0) * np.exp(-q) + 1e-9 * np.eye(POINTS)
+        offset = np.linalg.cholesky(correlation) @ offset
+    offset *= sizes
+    noise = rng.normal(size=(FRAMES, POINTS, 3)) * SIGMA
+    test = BulgeTest.from_arrays(reference, offset + noise, np.linspace(0.02, 0.3, FRAMES))
+    return Data(Specimen(test), SIGMA, np.ones(noise.shape, dtype=bool)), offset
+
+
+def score(found: Creases, data: Data) -> float:
+    """-2 ln of the evidence of all that is measured, but for a constant."""
+    rows = (data.specimen.measured / SIGMA)[None]
+    beside = found.whitened(rows, np.ones(rows.shape[1:]), data.inflation)
+    return float((beside**2).sum()) / data.inflation + found.cost(data.inflation)
+
+
+@pytest.mark.parametrize("length", [0.0, 9.0, 20.0])
+def test_the_likeliest_size_and_length_are_found(length: float) -> None:
+    sizes = np.array([0.02, 0.01, 0.2])
+    data, _ = seen(sizes, length, seed=4)
+    found = Creases.likeliest(data, np.zeros_like(data.specimen.measured))
+    assert found is not None
+    # lengths are tried by factors of √2
+    assert found.length == pytest.approx(length, rel=0.25)
+    near = score(found, data)
+    if length == 0.0:
+        np.testing.assert_allclose(found.sizes, sizes, rtol=0.1)
+        assert near < score(Creases.of(data, sizes, length), data)
+    # no other size has more evidence, and no other length that is tried
+    for c in range(3):
+        for factor in (0.9, 1.1):
+            other = np.array(found.sizes)
+            other[c] *= factor
+            assert near < score(Creases.of(data, other, found.length), data)
+    for factor in (0.5, 2.0):
+        if length:
+            assert near < score(Creases.of(data, found.sizes, factor * found.length), data)
+
+
+def test_noise_alone_has_none_worth_their_cost() -> None:
+    """Twice the gain is χ² of what is looked for: 16 would be one in some thousand."""
+    for seed in range(4):
+        data, _ = seen(np.zeros(3), 0.0, seed)
+        found = Creases.likeliest(data, np.zeros_like(data.specimen.measured))
+        if found is not None:
+            none = Creases.of(data, np.zeros(3), 0.0)
+            assert score(none, data) - score(found, data) < 16.0
+
+
+def test_what_is_smooth_takes_less_of_noise_than_offsets_of_single_points() -> None:
+    """It is known from all neighbours: that is what a length is worth."""
+    data, offset = seen(np.array([0.02, 0.02, 0.2]), 22.0, seed=7)
+    smooth = Creases.likeliest(data, np.zeros_like(data.specimen.measured))
+    assert smooth is not None
+    single = Creases.of(data, smooth.sizes, 0.0)
+    assert smooth.cost(data.inflation) < 0.5 * single.cost(data.inflation)
+    rows = np.stack([data.specimen.measured - offset, offset + 0 * data.specimen.measured]) / SIGMA
+    noise, creases = (
+        (found.whitened(rows, np.ones(rows.shape[1:]), 1.0) ** 2).sum(axis=(1, 2, 3))
+        for found in (smooth, single)
+    )
+    assert noise[0] > creases[0]  # of noise less is taken away
+    assert noise[1] == pytest.approx(creases[1], rel=0.2)  # of creases as much
+
+
+def test_they_are_put_on_fewer_points() -> None:
+    data, _ = seen(np.array([0.02, 0.02, 0.2]), 12.0, seed=8)
+    whole = Creases.of(data, np.array([0.02, 0.02, 0.2]), 12.0)
+    used = np.array(data.used)
+    used[:, 7, 2] = False
+    fewer = whole.on(replace(data, used=used).thinned(3))
+    assert fewer.number.shape == (127, 3)
+    assert fewer.length == whole.length
