@@ -67,6 +67,22 @@ def test_stress_and_tangent_are_the_energys_derivatives(
     np.testing.assert_allclose(tangent(out), matrix, atol=2e-5)
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_wrinkles_of_a_gain_that_softens_are_found(law: str) -> None:
+    """Without an end of the gain the energy falls without end, and wrinkles with it."""
+    fabric = Fabric(slack=(0.001, -0.002), gain=(0.0, -4.0 * STIFFNESS[1]))
+    q, out, rng = fabric.law_parameters(STIFFNESS), np.empty(10), np.random.default_rng(1)
+    found = {TAUT: 0, WRINKLED: 0, SLACK: 0}
+    for _ in range(500):
+        first, second = rng.uniform(-0.3, 0.15, 2)
+        sheared = rng.uniform(-0.4, 0.4) * np.exp(first + second)
+        c = (np.exp(2 * first), np.exp(2 * second), sheared)
+        found[int(point_response(*c, q, LAWS[law], True, out))] += 1
+        assert np.isfinite(out).all()
+        assert out[0] >= 0.0
+    assert min(found.values()) > 20
+
+
 def test_too_few_law_parameters_do_not_compile() -> None:
     """The kernels would read past the end of an array."""
     with pytest.raises(numba.TypingError):

@@ -172,6 +172,21 @@ def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
     assert caught.value.reached == pytest.approx(max(pressures), rel=1e-4)
 
 
+@pytest.mark.parametrize(
+    "fabric",
+    [Fabric(), Fabric(curve=np.full((2, 6), 0.1), gain=(-400.0, 90.0), coupling=(9.0, -4.0))],
+)
+def test_a_unit_pressure_lowers_the_potential_by_the_volume(fabric: Fabric) -> None:
+    membrane = Membrane(disc(100.0, 2), 0.81, fabric=fabric)
+    r2 = (membrane.mesh.nodes**2).sum(axis=1) / 1e4
+    shape = np.column_stack([0.01 * membrane.mesh.nodes * (1 - r2)[:, None], 30.0 * (1 - r2)])
+    stiffness = orthotropic_stiffness(330.0, 240.0, 30.0, 0.24)
+    none, unit = (membrane.state(shape, p, stiffness, tangent=False).potential for p in (0.0, 1.0))
+    assert membrane.volume(shape) == pytest.approx(none - unit, rel=1e-12)
+    # a paraboloid has half the volume of its cylinder, but for the chords of its rim
+    assert membrane.volume(shape) == pytest.approx(0.5 * np.pi * 1e4 * 30.0, rel=0.02)
+
+
 def test_what_leads_away_from_a_volume_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a tangent far from any shape a factor may fill up without end."""
     membrane = Membrane(disc(100.0, 3), 0.81)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
@@ -21,8 +22,9 @@ from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
-from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.evidence.weighing import Weighing, _balanced
 from bulgefit.gap.explain import _stepped_fields
+from bulgefit.gap.specimen import Specimen
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 NAMES = ("clamp_slip", "dic_smoothing", "rigid_motion", "stiffness_field", "pressure_field")
@@ -308,3 +310,15 @@ def test_thinned_points_count_for_as_many(data: Data) -> None:
     assert some.mesh.shape == some.used.shape
     assert some.inflation == pytest.approx(2.0)
     assert whole.thinned(1) is whole
+
+
+def test_cloth_that_lies_loosely_is_found_from_rest_where_a_neighbour_does_not_lead_to_it() -> None:
+    at = np.array([[0.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
+    test = BulgeTest.from_arrays(at, np.zeros((3, 2, 3)), [0.002, 0.02, 0.2], poisson_ratio=0.24)
+    specimen = Specimen(test, refine=3)
+    shape = {"initial_shape.h0": 8.0, "initial_shape.c2": -6.0, "initial_shape.s4": 3.0}
+    near, values = specimen.shapes(TRUTH, list(shape)), {**TRUTH, **shape}
+    with pytest.raises(SolveError, match="near the last shape"):
+        specimen.shapes(values, near=near)
+    found = _balanced(specimen, values, (), near)
+    np.testing.assert_array_equal(found.displacement, specimen.shapes(values).displacement)

@@ -13,7 +13,7 @@ hooks.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.places import Load, Scene
 from bulgefit.effects.registry import effect_named, own_values
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import InputError
 from bulgefit.fem.mesh import Mesh
 from bulgefit.model.camera import Passage, Places, heights_seen, place, scene_of, window_of
 from bulgefit.model.description import (
@@ -55,11 +55,6 @@ _SOFT = 1e-3
 _SHAPING = ("outline", "height", "clamp", "material", "load")
 #: Hooks that move points over the fabric.
 _PLACING = ("locate", "centre", "outline")
-
-
-#: How often the way from a neighbour is halved: steps of an eighth, since a search that is led no
-#: nearer takes shorter ones itself.
-HALVINGS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +127,7 @@ class VirtualTest:
         return null_values(self.test.poisson_ratio)
 
     def shapes(
-        self,
-        values: Values,
-        names: Iterable[str] = (),
-        near: Shapes | None = None,
-        *,
-        halvings: int = HALVINGS,
+        self, values: Values, names: Iterable[str] = (), near: Shapes | None = None
     ) -> Shapes:
         """Balance every frame.
 
@@ -149,8 +139,6 @@ class VirtualTest:
             Parameters to differentiate by; those of the cameras change no shape.
         near : Shapes, optional
             Of a neighbouring parameter set, with derivatives: the start.
-        halvings : int
-            How often the way from `near` may be halved where that start leads nowhere.
 
         Raises
         ------
@@ -173,24 +161,8 @@ class VirtualTest:
             return self.inflation.along_path(here, given, changes)
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
-        if near is None:
-            return self.inflation.balanced(here, given, changes, None, self.threads)
-        try:
-            guesses = self._ahead(near, given)
-            return self.inflation.balanced(here, given, changes, guesses, self.threads)
-        except SolveError:
-            if halvings == 0:
-                raise
-        # loosely lying cloth moves far with little: by way of a point between
-        middle = self._half_way(near.values, given)
-        between = self.shapes(middle, (), near, halvings=halvings - 1)
-        ahead = replace(between, derivative=near.derivative)
-        return self.shapes(given, names, ahead, halvings=halvings - 1)
-
-    def _half_way(self, first: Values, second: Values) -> dict[str, float]:
-        """Values halfway between; what either does not give is at its null."""
-        names = dict.fromkeys([*first, *second])
-        return {n: 0.5 * (self._value(n, first) + self._value(n, second)) for n in names}
+        guesses = None if near is None else self._ahead(near, given)
+        return self.inflation.balanced(here, given, changes, guesses, self.threads)
 
     def _ahead(self, near: Shapes, values: Values) -> Floats:
         """Displacements (frames, n, 3) that a neighbour's derivatives lead to."""

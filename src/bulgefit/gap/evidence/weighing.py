@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from bulgefit.gap.evidence.heights import (
 )
 from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
+from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Sight
 from bulgefit.parallel.threads import side_by_side
@@ -159,10 +161,7 @@ class Weighing:
         names = [self.coordinates.every[c].key.name for c in columns]
         specimen, values = self.data[index].specimen, self.coordinates.values(x, index)
         try:
-            shapes = specimen.shapes(values, names, near)
-            if near is not None and _loses_stability(near, shapes):
-                # a long step may land on another branch: the path from rest tells
-                shapes = specimen.shapes(values, names)
+            shapes = _balanced(specimen, values, names, near)
             found = specimen.sight(shapes, names)
         except NotPositiveDefiniteError as error:
             # moduli so far off that a tangent is nothing to the last digit
@@ -253,6 +252,21 @@ def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
     for row in rows:  # one by one: all at once would be as much memory again, twice
         row -= share * float(row @ mesh) * mesh
     return rows
+
+
+def _balanced(
+    specimen: Specimen, values: Mapping[str, float], names: Sequence[str], near: Shapes | None
+) -> Shapes:
+    """Shapes from a neighbour's; by the path from rest where those lead nowhere, or astray.
+
+    Cloth that lies loosely moves far with little, and a long step may land on another branch.
+    """
+    if near is not None:
+        with suppress(SolveError):
+            found = specimen.shapes(values, names, near)
+            if not _loses_stability(near, found):
+                return found
+    return specimen.shapes(values, names)
 
 
 def _loses_stability(before: Shapes, after: Shapes) -> bool:
