@@ -56,6 +56,7 @@ SIGNS = "effects/test_effects_signs.py"
 TRIAL = "trial/test_trial_effects.py"
 NOISE = "gap/test_gap_noise.py"
 EVIDENCE = "gap/test_gap_evidence.py"
+CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -226,7 +227,12 @@ MUTANTS = (
     Mutant("gap/evidence/orthant.py", "0.5 * push**2 / rest", "push**2 / rest", EVIDENCE),
     Mutant("gap/evidence/orthant.py", "(1.0 - 6.0 / z**2)", "(1.0 + 6.0 / z**2)", EVIDENCE),
     Mutant("gap/evidence/probability.py", "np.exp(-0.5 * (np", "np.exp(-1.0 * (np", EVIDENCE),
+    Mutant("gap/evidence/creases.py", "1.0 + q + q**2 / 3.0", "1.0 + q + q**2", CREASES),
+    Mutant("gap/evidence/creases.py", "float(np.log1p(var", "float(0.5 * np.log1p(var", CREASES),
+    Mutant("gap/evidence/creases.py", "(load**degree)", "(load**0)", CREASES),
     # laws and kernels
+    Mutant("fem/membrane.py", "(0.5 * _SPENT * left", "(_SPENT * left", "fem/test_uniaxial.py"),
+    Mutant("fem/membrane.py", ".sum()) / 3.0", ".sum()) / 2.0", "fem/test_path.py"),
     Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),
     Mutant(
         "fem/laws/hencky.py", "2 * m * h / det2, 2 * m * k", "-2 * m * h / det2, 2 * m * k", LAWS

@@ -97,3 +97,11 @@ def test_they_are_put_on_fewer_points() -> None:
     fewer = whole.on(replace(data, used=used).thinned(3))
     assert fewer.number.shape == (127, 3)
     assert fewer.length == whole.length
+
+
+def test_what_grows_with_pressure_is_no_crease() -> None:
+    data, offset = seen(np.array([0.02, 0.02, 0.2]), 12.0, seed=5)
+    nothing = np.zeros_like(data.specimen.measured)
+    assert Creases.likeliest(data, nothing) is not None
+    load = np.cbrt(data.specimen.recorded / data.specimen.recorded.max())
+    assert Creases.likeliest(data, offset * (1.0 - load[:, None, None])) is None

@@ -34,8 +34,8 @@ Floats = NDArray[np.float64]
 
 #: Length of the widest creases over the clamp radius: wider ones have a name.
 _WIDEST = 0.25
-#: Points by which size and length are told.
-_TOLD = 400
+#: Points by which size and length are told, and powers of p^(1/3) that courses are compared of.
+_TOLD, _COURSES = 400, 4
 #: Variances over the noise's of a mean between which a size is looked for.
 _LEAST, _MOST = 1e-6, 1e6
 
@@ -107,7 +107,9 @@ class Creases:
         """The most probable ones of what all frames of a residual share; None without any.
 
         By the evidence of the points' means (MacKay, 1992, "Bayesian interpolation"), at some
-        hundred points; lengths from the distance of neighbours up by factors of √2.
+        hundred points; lengths from the distance of neighbours up by factors of √2. None, too,
+        where what grows with p^(1/3), p^(2/3) or p explains more: that is no crease, but something
+        that the fabric does, and offsets would only take a part of it.
 
         Parameters
         ----------
@@ -116,23 +118,20 @@ class Creases:
             Modelled.
         """
         every = slice(None, None, max(1, len(d.specimen.reference) // _TOLD))
-        residual = np.where(d.used, (d.specimen.measured - displacement) / d.sigma, 0.0)
-        shares = d.share[:, None, None] * d.used
-        sums = (residual * d.share[:, None, None] * shares).sum(axis=0)[every]
-        number = (shares**2).sum(axis=0)[every]
-        root = np.sqrt(np.maximum(number, 1e-300))
-        points = d.specimen.reference[every, :2]
-        best, found = 0.0, None
-        for length in _lengths(points, d.specimen.test.radius):
-            correlation, variances, gained = _correlation(points, length), np.zeros(3), 0.0
-            for c in range(3):
-                modes = _Modes.of(number[:, c], correlation)
-                seen = modes.seen((sums[:, c] / root[:, c])[None])[0] ** 2
-                variances[c], gain = _likeliest(modes.values, seen, d.inflation)
-                gained += gain
-            if gained > best:
-                best, found = gained, (np.sqrt(variances) * d.sigma, length)
-        return None if found is None else cls.of(d, *found)
+        residual = np.where(d.used, (d.specimen.measured - displacement) / d.sigma, 0.0)[:, every]
+        shares, points = (
+            (d.share[:, None, None] * d.used)[:, every],
+            d.specimen.reference[every, :2],
+        )
+        load = np.cbrt(d.specimen.recorded / d.specimen.recorded.max())
+        found = []
+        for degree in range(_COURSES):
+            course = shares * (load**degree)[:, None, None]
+            found.append(_most_probable(points, residual, course, d))
+        gained, variances, length = found[0]
+        if gained == 0.0 or gained < max(other[0] for other in found):
+            return None
+        return cls.of(d, np.sqrt(variances) * d.sigma, length)
 
     def on(self, d: Data) -> Creases:
         """The same offsets over the points of other data."""
@@ -163,6 +162,25 @@ class Creases:
             float(np.log1p(variance * modes.values / inflation).sum())
             for modes, variance in zip(self.modes, self.variances, strict=True)
         )
+
+
+def _most_probable(
+    points: Floats, residual: Floats, course: Floats, d: Data
+) -> tuple[float, Floats, float]:
+    """What a course of all points (frames, n, 3) gains at most, at which variances and length."""
+    sums, number = (residual * course).sum(axis=0), (course**2).sum(axis=0)
+    sums /= np.sqrt(np.maximum(number, 1e-300))
+    best = (0.0, np.zeros(3), 0.0)
+    for length in _lengths(points, d.specimen.test.radius):
+        correlation, variances, gained = _correlation(points, length), np.zeros(3), 0.0
+        for c in range(3):
+            modes = _Modes.of(number[:, c], correlation)
+            seen = modes.seen(sums[None, :, c])[0] ** 2
+            variances[c], gain = _likeliest(modes.values, seen, d.inflation)
+            gained += gain
+        if gained > best[0]:
+            best = (gained, variances, length)
+    return best
 
 
 def _lengths(points: Floats, radius: float) -> list[float]:
