@@ -42,14 +42,15 @@ def test_paths_and_their_derivatives_are_the_wholes(mesh: Mesh, law: str, fabric
     assert found.factorisations == path.factorisations + 3 * len(path.pressure)
     np.testing.assert_allclose(found(PRESSURES), path(PRESSURES), rtol=0, atol=1e-7)
     np.testing.assert_array_equal(found.nodes, path.nodes)
-    for mine, theirs in (
-        (found.sensitivity, path.sensitivity),
-        (found.sensitivity_slope, path.sensitivity_slope),
+    # of cloth that lies all but loosely slopes come by the factor of a shape 1e-5 mm away, with
+    # which derivatives are off by a thousandth (`equilibrium.solve`)
+    for mine, theirs, share in (
+        (found.sensitivity, path.sensitivity, 1e-5),
+        (found.sensitivity_slope, path.sensitivity_slope, 2e-3 if fabric is LAWED else 1e-5),
     ):
         assert mine is not None
         assert theirs is not None
-        # by factors of shapes 1e-5 mm away, which rounding may choose otherwise
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=5e-5 * np.abs(theirs).max())
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=share * np.abs(theirs).max())
 
 
 @pytest.mark.parametrize("refine", [EVEN, ODD])
