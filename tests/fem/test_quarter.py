@@ -42,15 +42,18 @@ def test_paths_and_their_derivatives_are_the_wholes(mesh: Mesh, law: str, fabric
     assert found.factorisations == path.factorisations + 3 * len(path.pressure)
     np.testing.assert_allclose(found(PRESSURES), path(PRESSURES), rtol=0, atol=1e-7)
     np.testing.assert_array_equal(found.nodes, path.nodes)
-    # of cloth that lies all but loosely slopes come by the factor of a shape 1e-5 mm away, with
-    # which derivatives are off by a thousandth (`equilibrium.solve`)
+    # where cloth is wrinkled slopes come by the factor of a shape 1e-5 mm away, with which
+    # derivatives are off by a thousandth (`equilibrium.solve`)
+    loose = path.wrinkled > 0
     for mine, theirs, share in (
         (found.sensitivity, path.sensitivity, 1e-5),
-        (found.sensitivity_slope, path.sensitivity_slope, 2e-3 if fabric is LAWED else 1e-5),
+        (found.sensitivity_slope, path.sensitivity_slope, 2e-3),
     ):
         assert mine is not None
         assert theirs is not None
-        np.testing.assert_allclose(mine, theirs, rtol=0, atol=share * np.abs(theirs).max())
+        apart = np.abs(mine - theirs) / np.abs(theirs).max()
+        assert apart[~loose].max() < 1e-5
+        assert apart[loose].max(initial=0.0) < share
 
 
 @pytest.mark.parametrize("refine", [EVEN, ODD])
