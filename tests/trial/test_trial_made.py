@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.path import Path as Outline
 
 import bulgefit.trial
 from bulgefit.errors import InputError
@@ -21,6 +22,7 @@ from bulgefit.trial.hexagon import FINENESS, TwoPlies, hexagon
 from bulgefit.trial.known import FORMS, KNOWN, NOT_TOGETHER
 from bulgefit.trial.make import Recipe, audible, make_test, until_stable
 from bulgefit.trial.noise import holes, noise
+from bulgefit.trial.rim import positions
 from bulgefit.trial.signature import noise_free, of_each
 from bulgefit.trial.window import NodalField
 
@@ -74,14 +76,26 @@ def test_window_averages_over_a_disc():
 
 
 def test_window_at_the_rim_leaves_out_what_is_beyond():
-    mesh = hexagon(16)
-    nodes = np.column_stack([100.0 * mesh.nodes, np.zeros(len(mesh.nodes))])
-    even = np.ones((1, len(nodes), 3))
-    shapes = Shapes(nodes, even, nodes, 0.0 * even)
-    found = window.averaged(shapes, np.array([[96.0, 0.0]]), 10.0, 100.0)
-    np.testing.assert_allclose(found, 1.0)
-    inner = window.averaged(shapes, np.array([[50.0, 0.0]]), 10.0, 100.0)
-    np.testing.assert_allclose(inner, 1.0)
+    """Of an opening with lobes: against a count over a fine grid of places inside it."""
+    lobes = {"clamp_lobes.c3": 0.02, "clamp_lobes.s3": -0.01}
+    drawn = Draw(("clamp_lobes",), lobes, (), CLEAN.moduli)
+    mesh, angle = hexagon(32), np.linspace(0.0, 2 * np.pi, 720, endpoint=False)
+    nodes = positions(drawn, mesh.nodes, 100.0)
+    rim = positions(drawn, np.stack([np.cos(angle), np.sin(angle)], axis=1), 100.0)[:, :2]
+    x, y = nodes[:, 0], nodes[:, 1]
+    field = np.stack([x, x * y, np.ones_like(x)], axis=1)[None]
+    points = np.array([[99.5, 0.0], [-96.0, 1.0], [40.0, 85.0], [50.0, 0.0], [-99.5, 0.0]])
+    found = window.averaged(Shapes(nodes, field, nodes, 0.0 * field), points, 10.0, rim)[0]
+    side = 10.0 * (np.arange(1000) + 0.5 - 500) / 500
+    places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    places = places[np.hypot(*places.T) < 10.0]
+    opening = Outline(rim)
+    for point, seen in zip(points[:4], found, strict=False):
+        there = (point + places)[opening.contains_points(point + places)]
+        np.testing.assert_allclose(seen[0], there[:, 0].mean(), atol=0.02)
+        np.testing.assert_allclose(seen[1], there.prod(axis=1).mean(), atol=1.0)
+        np.testing.assert_allclose(seen[2], 1.0)
+    assert np.isnan(found[4]).all()  # on the clamp
 
 
 def test_interpolation_is_far_better_than_the_noise():

@@ -11,11 +11,16 @@ from scipy.spatial.transform import Rotation
 from bulgefit.trial.draw import Draw
 from bulgefit.trial.fabric import Shapes
 from bulgefit.trial.gauge import true_load
+from bulgefit.trial.rim import positions
 from bulgefit.trial.window import NodalField, averaged
 
 __all__ = ["Setting", "material_points", "observe"]
 
 Floats = NDArray[np.float64]
+
+#: Where the rim is looked at, on the unit circle.
+_LOOK = 2 * np.pi * np.arange(720) / 720
+_CIRCLE = np.stack([np.cos(_LOOK), np.sin(_LOOK)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,8 @@ def observe(drawn: Draw, setting: Setting, shapes: Shapes) -> tuple[Floats, Floa
     """
     points = material_points(drawn, setting)
     height = NodalField(shapes.nodes[:, :2], points)(shapes.nodes)[:, 2]
-    moved = averaged(shapes, points, drawn.get("dic_smoothing.window"), setting.radius)
+    rim = positions(drawn, _CIRCLE, setting.radius)[:, :2]
+    moved = averaged(shapes, points, drawn.get("dic_smoothing.window"), rim)
     straight = _undistorted(drawn, setting.reference, setting.radius)
     scale = 1.0 + drawn.get("dic_scale.scale")
     shown = _reference_state(drawn, setting.reference)

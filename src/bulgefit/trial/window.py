@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CloughTocher2DInterpolator
@@ -13,9 +15,12 @@ __all__ = ["NodalField", "averaged"]
 
 Floats = NDArray[np.float64]
 
-#: Radii and angles at which a correlation window is averaged, and beside the rim.
+#: Radii and angles at which a correlation window is averaged, and beside the rim, where what is
+#: seen has corners.
 _RADII, _ANGLES = 3, 12
-_RIM_RADII, _RIM_ANGLES = 6, 24
+_RIM_RADII, _RIM_ANGLES = 4, 96
+#: Of a window of millimetres: to a nanometre.
+_HALVINGS = 24
 
 
 class NodalField:
@@ -39,13 +44,19 @@ class NodalField:
         return np.moveaxis(found, 0, -2)
 
 
-def averaged(shapes: Shapes, points: Floats, window: float, radius: float) -> Floats:
-    """Displacement (frames, n, 3) mm of the fabric at points, averaged over a window (mm)."""
-    beside = np.hypot(*points.T) + window > radius
-    out = np.empty((len(shapes.fine), len(points), 3))
+def averaged(shapes: Shapes, points: Floats, window: float, rim: Floats) -> Floats:
+    """Displacement (frames, n, 3) mm of the fabric at points, averaged over a window (mm).
+
+    `rim` (k, 2) mm goes once round the opening; beyond it nothing is seen, and what stands there
+    is not seen (NaN).
+    """
+    edge = _Edge.of(rim)
+    inside = edge.inwards(points) > 0.0
+    beside = inside & (edge.inwards(points) <= window + edge.unevenness)
+    out = np.full((len(shapes.fine), len(points), 3), np.nan)
     for part, (offsets, weights) in (
-        (~beside, _window(window)),
-        (beside, _window_at_rim(points[beside], window, radius)),
+        (inside & ~beside, _window(window)),
+        (beside, _window_at_rim(points[beside], window, edge)),
     ):
         spread = points[part][:, None] + offsets
         flat = spread.reshape(-1, 2)
@@ -55,8 +66,46 @@ def averaged(shapes: Shapes, points: Floats, window: float, radius: float) -> Fl
         # between the last nodes the rim's polygon cuts off a little more than the rim
         seen = np.isfinite(total[0, :, :, 0]) * weights
         total = np.where(seen[None, :, :, None] > 0.0, total, 0.0)
-        out[:, part] = np.einsum("nw,fnwc->fnc", seen / seen.sum(axis=1, keepdims=True), total)
+        share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-300)
+        out[:, part] = np.einsum("nw,fnwc->fnc", share, total)
     return out
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A closed curve round the origin: its distance (k,) mm over the angle (k,)."""
+
+    angle: Floats
+    distance: Floats
+
+    @classmethod
+    def of(cls, rim: Floats) -> _Edge:
+        angle = np.arctan2(rim[:, 1], rim[:, 0])
+        order = np.argsort(angle)
+        return cls(angle[order], np.hypot(*rim.T)[order])
+
+    @property
+    def unevenness(self) -> float:
+        return float(np.ptp(self.distance))
+
+    def inwards(self, places: Floats) -> Floats:
+        """By how much (...) mm places (..., 2) lie nearer to the origin than the curve."""
+        angle = np.arctan2(places[..., 1], places[..., 0])
+        out = np.interp(angle, self.angle, self.distance, period=2.0 * np.pi)
+        return np.asarray(out - np.hypot(places[..., 0], places[..., 1]))
+
+    def ahead(self, points: Floats, direction: Floats, most: float) -> Floats:
+        """How far (n, k) mm the curve is from points (n, 2) inside it; `most` mm at most.
+
+        By bisection along each of the directions (k, 2).
+        """
+        low = np.zeros((len(points), len(direction)))
+        high = np.full_like(low, most)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            inside = self.inwards(points[:, None] + middle[..., None] * direction) > 0.0
+            low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+        return 0.5 * (low + high)
 
 
 def _window(radius: float) -> tuple[Floats, Floats]:
@@ -72,26 +121,16 @@ def _window(radius: float) -> tuple[Floats, Floats]:
     return offsets, np.repeat(0.5 * shares / _ANGLES, _ANGLES)
 
 
-def _window_at_rim(points: Floats, window: float, radius: float) -> tuple[Floats, Floats]:
-    """Offsets (n, k, 2) mm and weights (n, k) over the arcs of a disc that lie inside the rim."""
+def _window_at_rim(points: Floats, window: float, edge: _Edge) -> tuple[Floats, Floats]:
+    """Offsets (n, k, 2) mm and weights (n, k) over the rays of a disc, as far as the rim."""
     if window <= 0.0:
         return np.zeros((len(points), 1, 2)), np.ones((len(points), 1))
-    away = np.hypot(*points.T)
-    outwards = np.arctan2(points[:, 1], points[:, 0])
+    angle = 2 * np.pi * (np.arange(_RIM_ANGLES) + 0.5) / _RIM_ANGLES
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    reach = edge.ahead(points, direction, window)
     knots, shares = np.polynomial.legendre.leggauss(_RIM_RADII)
-    free = np.clip(radius - away, 0.0, window)  # rings up to here are whole
-    offsets, weights = [], []
-    for low, high in ((np.zeros_like(free), free), (free, np.full_like(free, window))):
-        ring = low[:, None] + 0.5 * (high - low)[:, None] * (1.0 + knots)
-        bound = (radius**2 - away[:, None] ** 2 - ring**2) / np.maximum(
-            2 * away[:, None] * ring, 1e-9
-        )
-        cut = np.arccos(np.clip(bound, -1.0, 1.0))  # directions closer to outwards lie beyond
-        share = (high - low)[:, None] * shares * ring * (np.pi - cut)
-        steps = (np.arange(_RIM_ANGLES) + 0.5) / _RIM_ANGLES
-        angle = outwards[:, None, None] + cut[..., None] + 2 * (np.pi - cut)[..., None] * steps
-        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        around = _RIM_RADII * _RIM_ANGLES
-        offsets.append((ring[..., None, None] * direction).reshape(len(points), around, 2))
-        weights.append(np.repeat(share / _RIM_ANGLES, _RIM_ANGLES, axis=1))
-    return np.concatenate(offsets, axis=1), np.concatenate(weights, axis=1)
+    distance = reach[..., None] * 0.5 * (1.0 + knots)
+    weights = reach[..., None] * shares * distance
+    offsets = distance[..., None] * direction[:, None]
+    around = _RIM_ANGLES * _RIM_RADII
+    return offsets.reshape(len(points), around, 2), weights.reshape(len(points), around)
