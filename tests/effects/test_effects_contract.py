@@ -265,6 +265,8 @@ TOLERANCES = {
     "registration": 2e-4,
     # means over a window on a grid jump likewise: the difference over them is rough
     "dic_smoothing": 1e-2,
+    "dic_scale": 2e-5,
+    "clamp_shape": 2e-5,
     # together with a slipping rim: its balance under follower pressure has no symmetric tangent
     "rim_lift": 1e-3,
 }

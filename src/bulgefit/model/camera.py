@@ -21,6 +21,7 @@ from bulgefit.effects.base import Effect, Own
 from bulgefit.effects.places import MOTION, Scene
 from bulgefit.effects.registry import acting
 from bulgefit.model.description import Active
+from bulgefit.model.opening import Opening
 
 __all__ = ["Passage", "Places", "heights_seen", "place", "scene_of", "window_of"]
 
@@ -28,8 +29,6 @@ Floats = NDArray[np.float64]
 #: What takes changes (..., frames, n, 3) mm to others.
 Slope = Callable[[Floats], Floats]
 
-#: Fixed-point corrections that undo the shape's outline: each leaves its size times the last.
-_CORRECTIONS, _SETTLED = 60, 1e-14
 #: Half the step (mm) of differences by the displacement, for maps of third order in it at most.
 _STEP = 1e-2
 
@@ -50,13 +49,8 @@ class Places:
     unit: Floats
 
 
-def place(
-    reference: Floats, radius: float, active: Active, stretch: Floats | float = 1.0
-) -> Places:
-    """Find points seen at `reference` (n, 3) mm: undo the cameras, then the clamp's outline.
-
-    `stretch` is the clamp's semi-axes over its radius, where it is an ellipse.
-    """
+def place(reference: Floats, radius: float, active: Active, opening: Opening) -> Places:
+    """Find points seen at `reference` (n, 3) mm: undo the cameras, then the clamp's outline."""
     position, centre = reference[:, :2], np.zeros(2)
     before = [(e, own) for e, own in active if e.order <= MOTION]
     for effect, own in reversed([(e, own) for e, own in active if e.order > MOTION]):
@@ -65,18 +59,7 @@ def place(
     for effect, own in reversed(before):
         on_fabric = effect.locate(own, on_fabric, radius)
         centre = centre + effect.centre(own)
-    target = (on_fabric - centre) / (radius * stretch)
-    outlines = [(effect, own) for effect, own in active if effect.uses("outline")]
-    unit = target
-    for _ in range(_CORRECTIONS if outlines else 0):
-        there = unit
-        for effect, own in outlines:
-            there = effect.outline(own, there)
-        miss = target - there
-        unit = unit + miss
-        if np.abs(miss).max() < _SETTLED:
-            break
-    return Places(position, unit)
+    return Places(position, opening.unit(on_fabric - centre))
 
 
 def window_of(active: Active) -> float:

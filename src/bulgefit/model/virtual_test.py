@@ -38,6 +38,7 @@ from bulgefit.model.description import (
 )
 from bulgefit.model.inflation import LEAST_PRESSURE, Change, Inflation, Shapes
 from bulgefit.model.observation import Operators, operators
+from bulgefit.model.opening import Opening
 from bulgefit.model.setup import Setup
 from bulgefit.model.window import Window
 
@@ -326,14 +327,14 @@ class VirtualTest:
         )
         key = (block, where)
         found = self._operators.get(key)
-        if found is None or (gradients and found[0].gradients is None):
+        square = window_of(active)
+        if found is None or (gradients and not square and found[0].gradients is None):
             reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
             places = self.place(reference, active)
-            at = self.test.radius * places.unit
-            square = window_of(active)
             if square > 0.0:
-                made = Operators.of(self.window().mean(at, float(np.sqrt(square))))
+                made = self.averages(places, square, active)
             else:
+                at = self.test.radius * places.unit
                 made = operators(self.circle, at, self.setup.evaluation, gradients=gradients)
             found = made, places
             if len(self._operators) > _KEPT:
@@ -343,13 +344,18 @@ class VirtualTest:
 
     def place(self, reference: Floats, active: Active) -> Places:
         """Find points seen at `reference` (n, 3) mm on the fabric."""
-        return place(reference, self.test.radius, active, self.test.stretch)
+        return place(reference, self.test.radius, active, self.opening(active))
 
-    def window(self) -> Window:
-        """Means over windows, made when first asked for."""
+    def opening(self, active: Active) -> Opening:
+        """The clamp's, as effects bend it."""
+        return Opening(self.test.semi_axes, active)
+
+    def averages(self, places: Places, square: float, active: Active) -> Operators:
+        """Means over windows of this squared radius (mm²) round places."""
         if self._window is None:
-            self._window = Window(self.circle.nodes, self.test.radius, self.test.ellipticity)
-        return self._window
+            self._window = Window(self.circle.nodes, self.test.radius)
+        opening = self.opening(active)
+        return Operators(self._window.value(places.unit, float(np.sqrt(square)), opening), None)
 
 
 class Sight:
@@ -483,26 +489,34 @@ class Sight:
         return ends, high - low
 
     def _of_motion(self, name: str) -> Floats:
-        """What the field's gradient makes of points that move over the fabric."""
-        ((_, _, below), (_, _, above)), span = self._ends(name)
+        """What points that move over the fabric see.
+
+        Of means over windows it is a difference: the rim moves through those beside it.
+        """
+        ((_, low, below), (_, high, above)), span = self._ends(name)
+        if (square := window_of(self.active)) > 0.0:
+            ends = [self._averaged(*end) for end in ((below, square, low), (above, square, high))]
+            return np.asarray((ends[1] - ends[0]) / span)
         motion = self.virtual.test.radius * (above.unit - below.unit) / span
         by_x, by_y = self.operators.slopes(self.field)
         return np.asarray(motion[:, :1] * by_x + motion[:, 1:] * by_y)
 
     def _of_window(self) -> Floats:
         """∂/∂(window²) of the averaged field: by a difference in it."""
-        at = window_of(self.active)
-        window, points = self.virtual.window(), self.virtual.test.radius * self.places.unit
-        ends = [at - _WINDOW_STEP, at + _WINDOW_STEP] if at > _WINDOW_STEP else [0.0, at + 4.0]
-        fields = []
-        for square in ends:
-            if square > 0.0:
-                operator = Operators(window.value(points, float(np.sqrt(square))), None)
-            else:
-                plain = self.virtual.setup.evaluation
-                operator = operators(self.virtual.circle, points, plain, gradients=False)
-            fields.append(operator(self.field))
+        here = window_of(self.active)
+        low = here - _WINDOW_STEP
+        ends = [low, here + _WINDOW_STEP] if low > 0.0 else [0.0, here + 4.0]
+        fields = [self._averaged(self.places, square, self.active) for square in ends]
         return np.asarray((fields[1] - fields[0]) / (ends[1] - ends[0]))
+
+    def _averaged(self, places: Places, square: float, active: Active) -> Floats:
+        """The field at places, averaged over windows of this squared radius (mm²)."""
+        if square > 0.0:
+            operator = self.virtual.averages(places, square, active)
+        else:
+            plain, at = self.virtual.setup.evaluation, self.virtual.test.radius * places.unit
+            operator = operators(self.virtual.circle, at, plain, gradients=False)
+        return operator(self.field)
 
     def _of_camera(self, name: str) -> Floats:
         """Change of what is reported at a fixed displacement of the fabric."""

@@ -1,29 +1,26 @@
 """The mean over the correlation window of DIC, as an operator on nodal fields.
 
-A subset of radius w reports about the mean of the displacement over its disc, less what lies
-beyond the rim. Away from the rim that is a weighted mean over two rings, beside it over strips of
-what the rim leaves of the disc. The smooth field is laid once
-on a square grid that is finer than the mesh, and cubic interpolation on the grid takes it to the
-points of any window: moving the points or the window costs a hundredth of new splines.
+A subset of radius w reports about the mean of the displacement over its disc on the fabric, less
+what lies beyond the rim. Away from the rim that is a weighted mean over two rings, beside it over
+strips of what the rim leaves of the disc. The smooth field is laid once on a square grid over the
+mesh's disc that is finer than the mesh, and cubic interpolation on the grid takes it to the points
+of any window: moving the points, the window or the rim costs a hundredth of new splines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from bulgefit.model.smooth import SmoothField, smooth_field
+from bulgefit.model.opening import Opening
+from bulgefit.model.smooth import smooth_field
 
 __all__ = ["Window"]
 
 Floats = NDArray[np.float64]
-
-#: Weights (places, 4) of values on the grid, and of slopes times its spacing.
-_Weights = tuple[Floats, Floats]
 
 #: Spacing of the grid over the mesh's radius, and how far the grid reaches beyond it.
 _SPACING, _REACH = 0.025, 1.08
@@ -41,9 +38,6 @@ _POINTS = np.concatenate(
 _SHARES = np.concatenate([np.full(n, 0.5 / n) for _, n in _RINGS])
 
 
-#: Newton steps to the nearest point of an ellipse: errors fall from 1 to 1e-12 within these.
-_NEWTON_STEPS = 8
-
 #: Strips on either side of where rim and window cross, and points along each strip.
 _STRIPS, _ALONG = 5, 4
 
@@ -55,64 +49,29 @@ class Window:
     Parameters
     ----------
     nodes : (n, 2) array, mm
-        Where the rim is a circle.
+        Of a disc.
     radius : float, mm
-        Of the mesh; what lies beyond is not seen.
-    ellipticity : float
-        The rim's semi-axes in truth are radius (1 ± ellipticity), + along x.
+        Of that; what lies beyond is not seen.
     """
 
     nodes: Floats
     radius: float
-    ellipticity: float = 0.0
     _grid: sparse.csr_array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._spacing = _SPACING * self.radius
-        self._half = int(np.ceil(_REACH * (1.0 + abs(self.ellipticity)) / _SPACING))
+        self._half = int(np.ceil(_REACH / _SPACING))
         ticks = self._spacing * np.arange(-self._half, self._half + 1)
         points = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-        self._stretch = np.array([1.0 + self.ellipticity, 1.0 - self.ellipticity])
-        self._grid = smooth_field(self.nodes, points / self._stretch).value
+        self._grid = smooth_field(self.nodes, points).value
 
-    def mean(self, points: Floats, window: float) -> SmoothField:
-        """Operators of the mean over discs of radius `window` (mm) round points (m, 2) mm.
+    def value(self, unit: Floats, window: float, opening: Opening) -> sparse.csr_array:
+        """The operator (m, n) of the mean over discs of radius `window` (mm) on the fabric.
 
-        Points are given, and derivatives taken, where the rim is a circle.
+        Round the places of points (m, 2) of the unit disc.
         """
-        sums, (x, by_x), (y, by_y) = self._sums(points * self._stretch, window)
-        step_x, step_y = self._spacing / self._stretch
-        return SmoothField(sums(x, y), sums(by_x / step_x, y), sums(x, by_y / step_y))
-
-    def value(self, points: Floats, window: float) -> sparse.csr_array:
-        """The operator of the mean's value alone."""
-        sums, (x, _), (y, _) = self._sums(points * self._stretch, window)
-        return sums(x, y)
-
-    def _rim_circles(self, points: Floats) -> tuple[Floats, Floats, Floats]:
-        """The rim beside each point as a circle: distance of its centre, radius, way out.
-
-        Beside an ellipse it is the circle that osculates it at the nearest point of the rim.
-        """
-        if not self.ellipticity:
-            distance = np.hypot(*points.T)
-            out = points / np.maximum(distance, 1e-9)[:, None]
-            return distance, np.full(len(points), self.radius), out
-        a, b = semi_axes = self.radius * self._stretch
-        angle = _nearest(points, semi_axes)
-        c, s = np.cos(angle), np.sin(angle)
-        rim = np.stack([a * c, b * s], axis=1)
-        normal = np.stack([b * c, a * s], axis=1)
-        size = np.hypot(*normal.T)
-        out = normal / size[:, None]
-        radius = size**3 / (a * b)
-        return radius - np.einsum("mi,mi->m", rim - points, out), radius, out
-
-    def _sums(
-        self, points: Floats, window: float
-    ) -> tuple[Callable[[Floats, Floats], sparse.csr_array], _Weights, _Weights]:
-        """What makes an operator of weights along x and y at the windows' places; such weights."""
-        distance, radius, out = self._rim_circles(points)
+        points = opening.fabric(unit)
+        distance, radius, out = opening.rim_circles(points)
         beside = distance + window > radius
         places, shares, owners = [], [], []
         for which, (offsets, share) in (
@@ -124,37 +83,18 @@ class Window:
             owners.append(np.repeat(which, offsets.shape[1]))
         share, owner = np.concatenate(shares), np.concatenate(owners)
         size = 2 * self._half + 1
-        place = np.concatenate(places) / self._spacing + self._half
+        on_disc = self.radius * opening.unit(np.concatenate(places))
+        place = on_disc / self._spacing + self._half
         base = np.clip(np.floor(place).astype(np.intp) - 1, 0, size - 4)
         steps = np.arange(4)
         columns = (base[:, 0, None, None] + steps[:, None]) * size + base[:, 1, None, None] + steps
         rows = np.broadcast_to(owner[:, None, None], columns.shape)
-
-        def sums(along_x: Floats, along_y: Floats) -> sparse.csr_array:
-            values = share[:, None, None] * along_x[:, :, None] * along_y[:, None, :]
-            on_grid = sparse.csr_array(
-                (values.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), size**2)
-            )
-            return (on_grid @ self._grid).tocsr()
-
-        return sums, _lagrange(place[:, 0] - base[:, 0]), _lagrange(place[:, 1] - base[:, 1])
-
-
-def _nearest(points: Floats, semi_axes: Floats) -> Floats:
-    """Angles (m,) of the ellipse's points nearest to points (m, 2) within it.
-
-    The distance is stationary there: Newton's steps on its derivative, from the angle of the
-    point's image on the circle, which settle beside the rim.
-    """
-    a, b = semi_axes
-    x, y = points.T
-    angle = np.arctan2(y / b, x / a)
-    for _ in range(_NEWTON_STEPS):
-        c, s = np.cos(angle), np.sin(angle)
-        slope = (b * b - a * a) * s * c + a * x * s - b * y * c
-        bend = (b * b - a * a) * (c * c - s * s) + a * x * c + b * y * s
-        angle = angle - slope / np.where(np.abs(bend) > 1e-9 * a * b, bend, np.inf)
-    return angle
+        x, y = _lagrange(place[:, 0] - base[:, 0]), _lagrange(place[:, 1] - base[:, 1])
+        values = share[:, None, None] * x[:, :, None] * y[:, None, :]
+        on_grid = sparse.csr_array(
+            (values.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), size**2)
+        )
+        return (on_grid @ self._grid).tocsr()
 
 
 def _whole(points: Floats, window: float) -> tuple[Floats, Floats]:
@@ -203,14 +143,8 @@ def _cut(distance: Floats, radius: Floats, out: Floats, window: float) -> tuple[
     return offsets, share / share.sum(axis=1, keepdims=True)
 
 
-def _lagrange(t: Floats) -> _Weights:
-    """Weights (..., 4) of values at 0, 1, 2, 3 for the place t, and their derivatives."""
+def _lagrange(t: Floats) -> Floats:
+    """Weights (..., 4) of values at 0, 1, 2, 3 for the place t."""
     a, b, c, d = t, t - 1.0, t - 2.0, t - 3.0
     weights = [-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0]
-    slopes = [
-        -(b * c + b * d + c * d) / 6.0,
-        (a * c + a * d + c * d) / 2.0,
-        -(a * b + a * d + b * d) / 2.0,
-        (a * b + a * c + b * c) / 6.0,
-    ]
-    return np.stack(weights, axis=-1), np.stack(slopes, axis=-1)
+    return np.stack(weights, axis=-1)
