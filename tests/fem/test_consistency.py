@@ -29,7 +29,7 @@ CURVED = (0.002, -0.001, 500.0, 300.0, -100.0, 60.0, 0.012, 0.02)
 #: The sharpest knee that is plausible, and none along fill.
 SHARP = (0.0, 0.0, 0.0, 0.0, 250.0, 0.0, 0.004, 0.01)
 #: Neither curves nor couplings, and gains that no strain spends.
-NO_CURVES = (*(0.0,) * 14, 1e9, 1e9)
+NO_CURVES = (*(0.0,) * 16, 1e9, 1e9)
 CASES = [(state, c) for state, many in STATES.items() for c in many]
 
 
@@ -433,5 +433,5 @@ def test_changes_of_the_surface_are_those_of_the_force(law: str) -> None:
 def test_changes_of_the_law_need_all_its_parameters() -> None:
     """The kernels would read past the end of an array."""
     membrane, q = Membrane(disc(100.0, 1), 0.81), np.ones((2, 12))
-    with pytest.raises(InputError, match=r"parameters of the law: expected \(k, 28\)"):
+    with pytest.raises(InputError, match=r"parameters of the law: expected \(k, 30\)"):
         membrane.law_changes(np.zeros_like(membrane.reference), q, q)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.equilibrium import solve
 from bulgefit.fem.laws import LAWS, registry
 from bulgefit.fem.laws.law import Law
-from bulgefit.fem.laws.potential import KNOTS, PARAMETERS
+from bulgefit.fem.laws.potential import KNOTS, PARAMETERS, energy
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc, rectangle
 from bulgefit.fem.relaxation import SLACK, point_response
@@ -23,7 +24,7 @@ from bulgefit.fem.trace import trace
 
 STIFFNESS = orthotropic_stiffness(303.0, 229.0, 5.0, 0.24)
 OWN = ("hencky", "svk", "yarn")
-CURVE = np.array([[0.3, 0.1, -0.2, -0.5, -0.4, 0.1], [-0.6, -0.4, 0.0, 0.2, 0.5, 0.7]])
+CURVE = np.array([[0.3, 0.1, -0.2, -0.5, -0.4, 0.1, -0.3], [-0.6, -0.4, 0.0, 0.2, 0.5, 0.7, 0.4]])
 FABRICS = {
     "straight": Fabric(),
     "gains": Fabric(slack=(0.002, -0.001), gain=(500.0, 300.0)),
@@ -177,7 +178,7 @@ def test_yarn_strain_is_that_of_lines_drawn_on_the_cloth() -> None:
 
 def test_a_curve_of_zeros_is_the_straight_law() -> None:
     q = Fabric(slack=(0.002, -0.001)).law_parameters(STIFFNESS)
-    assert Fabric(slack=(0.002, -0.001), curve=np.zeros((2, 6))).law_parameters(STIFFNESS) == q
+    assert Fabric(slack=(0.002, -0.001), curve=np.zeros((2, 7))).law_parameters(STIFFNESS) == q
     assert len(q) == len(PARAMETERS)
 
 
@@ -186,24 +187,45 @@ def test_uniaxial_tension_follows_the_curve() -> None:
     curve = CURVE * [[1.0], [0.0]]
     q = Fabric(curve=curve).law_parameters(STIFFNESS)
     nu12 = STIFFNESS[2] / STIFFNESS[1]
-    e = np.linspace(0.0, 0.07, 29)
+    e = np.linspace(0.0, 0.1, 29)
     stretch = np.exp(2 * e), np.exp(-2 * nu12 * e)
     out = [responded(LAWS["hencky"], (a, b, 0.0), q) for a, b in zip(*stretch, strict=True)]
     assert np.abs([found[2] for found in out]).max() < 1e-12
     tension = np.array([found[1] for found in out]) * stretch[0]
-    fine = np.linspace(0.0, 0.07, 70001)
+    fine = np.linspace(0.0, 0.1, 100001)
     slope = 303.0 * np.interp(fine, KNOTS, np.exp(curve[0]))
     whole = np.concatenate([[0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1])) * (fine[1] - fine[0])])
     np.testing.assert_allclose(tension, np.interp(e, fine, whole), atol=1e-7)
     assert (np.diff(tension) > 0).all()
 
 
+@pytest.mark.parametrize("gain", [(-400.0, 900.0), (-1300.0, 0.0)])
+def test_a_curve_multiplies_the_slopes_of_gains_and_bends(gain: tuple[float, float]) -> None:
+    """At the knots: what softens by a law with a name is not taken back by an offset of slopes."""
+    named = Fabric(gain=gain, bend=(-60.0, 30.0), knee=(0.02, 0.01))
+    q, with_curve = (
+        fabric.law_parameters(STIFFNESS) for fabric in (named, replace(named, curve=CURVE))
+    )
+    lateral = STIFFNESS[2] ** 2 / STIFFNESS[1::-1]  # of the stiffness, beyond the modulus
+
+    def slope(axis: int, strain: float, q: tuple[float, ...]) -> float:
+        at, step = np.zeros((3, 2), dtype=complex), 1e-6
+        at[axis] = strain + 1e-20j + np.array([-step, step])
+        return float(np.diff(energy(at, q).imag)[0] / 1e-20 / (2.0 * step))
+
+    for axis, logs in enumerate(CURVE):
+        for knot, log in zip(KNOTS[1:], logs[1:], strict=True):
+            before, after = (slope(axis, knot, one) - lateral[axis] for one in (q, with_curve))
+            assert before > 0.0
+            assert after == pytest.approx(before * math.exp(log), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("curve", "said"),
     [
-        (np.zeros((2, 5)), "curve: expected 2 x 6 finite logarithms"),
-        (np.full((2, 6), np.nan), "curve: expected 2 x 6 finite logarithms"),
-        (np.full((2, 6), -2.0), "leave no positive strain energy"),
+        (np.zeros((2, 6)), "curve: expected 2 x 7 finite logarithms"),
+        (np.full((2, 7), np.nan), "curve: expected 2 x 7 finite logarithms"),
+        (np.full((2, 7), -2.0), "leave no positive strain energy"),
     ],
 )
 def test_curves_that_are_none(curve: np.ndarray, said: str) -> None:
@@ -216,7 +238,7 @@ def test_softest_curves_that_are_admitted_have_a_positive_energy() -> None:
     ratio = STIFFNESS[2] / math.sqrt(STIFFNESS[0] * STIFFNESS[1])  # √(ν12 ν21)
     least = math.log(ratio / (1.0 + ratio))
     for more, positive in ((1e-6, True), (-1e-6, False)):
-        curve = np.full((2, 6), least + more)
+        curve = np.full((2, 7), least + more)
         if not positive:
             with pytest.raises(InputError):
                 Fabric(curve=curve).law_parameters(STIFFNESS)

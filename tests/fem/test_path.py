@@ -174,7 +174,7 @@ def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
 
 @pytest.mark.parametrize(
     "fabric",
-    [Fabric(), Fabric(curve=np.full((2, 6), 0.1), gain=(-400.0, 90.0), coupling=(9.0, -4.0))],
+    [Fabric(), Fabric(curve=np.full((2, 7), 0.1), gain=(-400.0, 90.0), coupling=(9.0, -4.0))],
 )
 def test_a_unit_pressure_lowers_the_potential_by_the_volume(fabric: Fabric) -> None:
     membrane = Membrane(disc(100.0, 2), 0.81, fabric=fabric)

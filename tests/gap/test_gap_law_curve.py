@@ -20,7 +20,10 @@ from bulgefit.gap.law_table import LawTable, law_table
 
 MODULI = {"E1": 500.0, "E2": 210.0, "G12": 20.0}
 #: The warp starts stiff, softens and stiffens again; the fill starts soft.
-SLOPES = {"warp": (0.0, -0.15, -0.6, -0.5, -0.1, 0.3), "fill": (0.0, 0.2, 0.3, 0.4, 0.3, 0.3)}
+SLOPES = {
+    "warp": (0.0, -0.15, -0.6, -0.5, -0.1, 0.3, 0.3),
+    "fill": (0.0, 0.2, 0.3, 0.4, 0.3, 0.3, 0.3),
+}
 
 
 def changes(slopes: Mapping[str, tuple[float, ...]]) -> dict[str, float]:

@@ -374,7 +374,7 @@ def _tuple_of(q):
     return (
         q[0], q[1], q[2], q[3], q[4], q[5], q[6], q[7], q[8], q[9], q[10], q[11],
         q[12], q[13], q[14], q[15], q[16], q[17], q[18], q[19], q[20], q[21], q[22], q[23],
-        q[24], q[25], q[26], q[27],
+        q[24], q[25], q[26], q[27], q[28], q[29],
     )  # fmt: skip
 
 
@@ -386,7 +386,7 @@ def assemble_law_changes(x, cells, gradient, weight, before, after, law, relax, 
 
     Parameters
     ----------
-    before, after : (k, 26) array
+    before, after : (k, 30) array
         What the kernels call q.
     out : (k, n, 3) array, N
         Overwritten.

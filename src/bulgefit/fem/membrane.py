@@ -88,10 +88,11 @@ class Fabric:
         The slope of stress along warp and fill changes by this beyond the knee, in tension.
     knee : (2,) tuple
         Elastic strain along warp and fill at which half of the bend is reached, 1.
-    curve : (2, 6) array or None
-        Logarithm of the slope of stress along warp and fill, over the modulus in uniaxial tension,
-        at the elastic strains `KNOTS`: linear between them, constant beyond, so that the stress
-        along either is a smooth monotone function of its strain. None: straight, as zeros.
+    curve : (2, 7) array or None
+        Logarithm of the slope of stress along warp and fill in uniaxial tension over what modulus,
+        gain and bend make of it, at the elastic strains `KNOTS`. What it adds is linear between
+        them and constant beyond, so that the stress is a smooth function of its strain. None: no
+        other slope, as zeros.
     coupling : (2,) tuple, MPa
         D13 and D23: stress along warp and fill from the engineering shear strain, and shear stress
         from theirs, as where a layer lies at an angle.
@@ -125,8 +126,11 @@ class Fabric:
         if any(self.coupling):
             _check_coupling(self.coupling, stiffness)
         own = *self.slack, *self.gain, *self.bend, *self.knee
-        curve = _NO_CURVE if self.curve is None else _excess(self.curve, stiffness).ravel().tolist()
-        last = *self.coupling, *self._spent(stiffness)
+        spent = self._spent(stiffness)
+        curve = _NO_CURVE
+        if self.curve is not None:
+            curve = self._excess(self.curve, stiffness, spent).ravel().tolist()
+        last = *self.coupling, *spent
         return (*map(float, (*stiffness, *own)), *curve, *map(float, last))
 
     def _spent(self, stiffness: Floats) -> Floats:
@@ -137,6 +141,40 @@ class Fabric:
         left = np.array([d11 - d12**2 / d22, d22 - d12**2 / d11]) + np.minimum(self.bend, 0.0)
         falling = np.maximum(-np.array(self.gain), 0.5 * _SPENT * (d11 + d22) / _NEVER)
         return np.maximum(0.5 * _SPENT * left / falling, 0.0)
+
+    def _excess(self, curve: Floats, stiffness: Floats, spent: Floats) -> Floats:
+        """Slopes (2, K) MPa at the knots that a curve (2, K) adds to those of gains and bends.
+
+        It multiplies these there. The stiffness D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1
+        and E2 s2 is positive definite where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both
+        soften.
+        """
+        curve = np.asarray(curve, dtype=float)
+        if curve.shape != (2, len(KNOTS)) or not np.isfinite(curve).all():
+            raise InputError(
+                f"curve: expected 2 x {len(KNOTS)} finite logarithms of slopes, got "
+                f"{curve.tolist()}"
+            )
+        d11, d22, d12, _ = stiffness
+        contraction = d12**2 / (d11 * d22)  # ν12 ν21
+        moduli = (1.0 - contraction) * np.array([d11, d22])
+        added = self._slopes(np.array(KNOTS), moduli, spent) * np.expm1(curve)
+        everywhere = [np.interp(_STRAINS, KNOTS, row) for row in added]
+        whole = self._slopes(_STRAINS, moduli, spent) + everywhere
+        warp, fill = np.minimum(whole.min(axis=1) / moduli, 1.0)
+        if not (min(warp, fill) > 0.0 and warp * fill > contraction * (1.0 - warp) * (1.0 - fill)):
+            raise InputError(
+                f"curve: slopes of {warp:.3g} E1 and {fill:.3g} E2 leave no positive strain "
+                f"energy with nu12 nu21 = {contraction:.3g}; raise the lowest slopes"
+            )
+        return added
+
+    def _slopes(self, strain: Floats, moduli: Floats, spent: Floats) -> Floats:
+        """Of stress along warp and fill, (2, n) MPa, by moduli, gains and bends."""
+        gain, bend, knee = (np.reshape(row, (2, 1)) for row in (self.gain, self.bend, self.knee))
+        turned = strain**2 / (strain**2 + knee**2)
+        gained = 2.0 * gain * np.minimum(strain, spent[:, None])
+        return np.asarray(moduli[:, None] + gained + bend * turned)
 
 
 def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
@@ -150,30 +188,9 @@ def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
         )
 
 
+#: Where slopes are looked at: from one to the next of these they hardly change.
+_STRAINS = np.linspace(0.0, KNOTS[-1], 161)
 _NO_CURVE = (0.0,) * (2 * len(KNOTS))
-
-
-def _excess(curve: Floats, stiffness: Floats) -> Floats:
-    """Slopes (2, K) MPa at the knots over the moduli E1, E2, of logarithms (2, K).
-
-    The stiffness D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive definite
-    where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
-    """
-    curve = np.asarray(curve, dtype=float)
-    if curve.shape != (2, len(KNOTS)) or not np.isfinite(curve).all():
-        raise InputError(
-            f"curve: expected 2 x {len(KNOTS)} finite logarithms of slopes, got {curve.tolist()}"
-        )
-    d11, d22, d12, _ = stiffness
-    contraction = d12**2 / (d11 * d22)  # ν12 ν21
-    warp, fill = np.minimum(np.exp(curve.min(axis=1)), 1.0)
-    if not warp * fill > contraction * (1.0 - warp) * (1.0 - fill):
-        raise InputError(
-            f"curve: slopes of {warp:.3g} E1 and {fill:.3g} E2 leave no positive strain energy "
-            f"with nu12 nu21 = {contraction:.3g}; raise the lowest slopes"
-        )
-    moduli = (1.0 - contraction) * np.array([d11, d22])
-    return moduli[:, None] * np.expm1(curve)
 
 
 class Membrane:
@@ -411,7 +428,7 @@ class Membrane:
         return self.law_changes(displacement, below, above) / (2.0 * np.diag(steps)[:, None])
 
     def law_changes(self, displacement: Floats, before: Floats, after: Floats) -> Floats:
-        """Changes of R with the law's parameters (k, 26), at fixed displacement: (k, N) N."""
+        """Changes of R with the law's parameters (k, 30), at fixed displacement: (k, N) N."""
         for q in (before, after):
             if q.shape != (len(before), len(PARAMETERS)):
                 raise InputError(

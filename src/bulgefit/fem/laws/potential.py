@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 #: Elastic strains at which a curve's slope is given; between them it is linear, beyond constant.
-KNOTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05)
+KNOTS = (0.0, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)
 
 #: The entries of the tuple q that a law gets, 1 along warp and 2 along fill: stiffness (MPa), slack
 #: (1), gains (MPa), bends (MPa), knees (1), the curves' slopes at the knots over the modulus (MPa),
@@ -50,11 +50,11 @@ def energy(e: NDArray[Any], q: tuple[float, ...]) -> NDArray[Any]:
     d11, d22, d12, d33, *_ = q
     x, y = e[0] - q[4], e[1] - q[5]
     psi = 0.5 * (d11 * x**2 + d22 * y**2 + d33 * e[2] ** 2) + d12 * x * y
-    psi = psi + (q[24] * x + q[25] * y) * e[2]
+    psi = psi + (q[26] * x + q[27] * y) * e[2]
     for axis, along in enumerate((x, y)):
-        gain, bend, knee, curve = q[6 + axis], q[8 + axis], q[10 + axis], q[12 + 6 * axis :][:6]
+        gain, bend, knee, curve = q[6 + axis], q[8 + axis], q[10 + axis], q[12 + 7 * axis :][:7]
         t = np.where(along.real > 0.0, along, 0.0)
-        spent = q[26 + axis]
+        spent = q[28 + axis]
         on, beyond = np.where(t.real < spent, t, spent), np.where(t.real < spent, 0.0, t - spent)
         psi = psi + gain * (on**3 / 3.0 + on**2 * beyond + on * beyond**2)
         r = t / knee
@@ -78,8 +78,8 @@ def straight_potential(e1, e2, e3, q):
     t2 = q[2] * e1 + q[1] * e2
     t3 = q[3] * e3
     psi = 0.5 * (t1 * e1 + t2 * e2 + t3 * e3)
-    p1, p2 = min(max(e1, 0.0), q[26]), min(max(e2, 0.0), q[27])
-    b1, b2 = max(e1 - q[26], 0.0), max(e2 - q[27], 0.0)
+    p1, p2 = min(max(e1, 0.0), q[28]), min(max(e2, 0.0), q[29])
+    b1, b2 = max(e1 - q[28], 0.0), max(e2 - q[29], 0.0)
     psi += (q[6] * p1 * p1 * p1 + q[7] * p2 * p2 * p2) / 3.0
     psi += q[6] * p1 * b1 * (p1 + b1) + q[7] * p2 * b2 * (p2 + b2)
     t1 += q[6] * p1 * p1 + 2.0 * q[6] * p1 * b1
@@ -112,8 +112,8 @@ def potential(e1, e2, e3, q):
         psi += psi_1 + psi_2
         t1, h1 = t1 + curved_1, h1 + slope_1
         t2, h2 = t2 + curved_2, h2 + slope_2
-    along = q[24] * (e1 - q[4]) + q[25] * (e2 - q[5])
-    return psi + along * e3, t1 + q[24] * e3, t2 + q[25] * e3, t3 + along, h1, h2, h3, h12
+    along = q[26] * (e1 - q[4]) + q[27] * (e2 - q[5])
+    return psi + along * e3, t1 + q[26] * e3, t2 + q[27] * e3, t3 + along, h1, h2, h3, h12
 
 
 @merged
@@ -128,7 +128,7 @@ def coupled(found, measure, q):
         Strain and, row by row, ∂e_i/∂E_j.
     """
     _, _, _, p11, p12, p13, p21, p22, p23, p31, p32, p33 = measure
-    u1, u2, u3 = q[24] * p11 + q[25] * p21, q[24] * p12 + q[25] * p22, q[24] * p13 + q[25] * p23
+    u1, u2, u3 = q[26] * p11 + q[27] * p21, q[26] * p12 + q[27] * p22, q[26] * p13 + q[27] * p23
     w, s1, s2, s3, c11, c22, c33, c12, c13, c23 = found
     return (
         w, s1, s2, s3,
@@ -181,10 +181,10 @@ def bent_potential(e1, e2, e3, q):
     psi_2, bent_2, slope_2 = _bend(max(e2 - q[5], 0.0), q[11])
     psi_3, curved_1, rise_1 = _curve_1(e1, q)
     psi_4, curved_2, rise_2 = _curve_2(e2, q)
-    along = q[24] * (e1 - q[4]) + q[25] * (e2 - q[5])
+    along = q[26] * (e1 - q[4]) + q[27] * (e2 - q[5])
     return (
         q[8] * psi_1 + q[9] * psi_2 + psi_3 + psi_4 + along * e3,
-        q[8] * bent_1 + curved_1 + q[24] * e3, q[9] * bent_2 + curved_2 + q[25] * e3, along,
+        q[8] * bent_1 + curved_1 + q[26] * e3, q[9] * bent_2 + curved_2 + q[27] * e3, along,
         q[8] * slope_1 + rise_1, q[9] * slope_2 + rise_2, 0.0, 0.0,
     )  # fmt: skip
 
@@ -192,39 +192,40 @@ def bent_potential(e1, e2, e3, q):
 @merged
 def _is_curved(q):
     """Whether a curve has another slope than the modulus anywhere."""
-    warp = abs(q[12]) + abs(q[13]) + abs(q[14]) + abs(q[15]) + abs(q[16]) + abs(q[17])
-    fill = abs(q[18]) + abs(q[19]) + abs(q[20]) + abs(q[21]) + abs(q[22]) + abs(q[23])
+    warp = abs(q[12]) + abs(q[13]) + abs(q[14]) + abs(q[15]) + abs(q[16]) + abs(q[17]) + abs(q[18])
+    fill = abs(q[19]) + abs(q[20]) + abs(q[21]) + abs(q[22]) + abs(q[23]) + abs(q[24]) + abs(q[25])
     return warp + fill != 0.0
 
 
 @merged
 def is_bent(q):
     """Whether the stress is more than `straight_potential`."""
-    return q[8] != 0.0 or q[9] != 0.0 or q[24] != 0.0 or q[25] != 0.0 or _is_curved(q)
+    return q[8] != 0.0 or q[9] != 0.0 or q[26] != 0.0 or q[27] != 0.0 or _is_curved(q)
 
 
 @merged
 def _curve_1(e1, q):
-    return _curve(e1 - q[4], q[12], q[13], q[14], q[15], q[16], q[17])
+    return _curve(e1 - q[4], q[12], q[13], q[14], q[15], q[16], q[17], q[18])
 
 
 @merged
 def _curve_2(e2, q):
-    return _curve(e2 - q[5], q[18], q[19], q[20], q[21], q[22], q[23])
+    return _curve(e2 - q[5], q[19], q[20], q[21], q[22], q[23], q[24], q[25])
 
 
 @merged
-def _curve(e, s0, s1, s2, s3, s4, s5):
+def _curve(e, s0, s1, s2, s3, s4, s5, s6):
     """Energy, stress and slope of a curve with these slopes at the knots; s0 in compression."""
     w1, t1, h1 = _ramp(e, KNOTS[0], KNOTS[1], s0, s1)
     w2, t2, h2 = _ramp(e, KNOTS[1], KNOTS[2], s1, s2)
     w3, t3, h3 = _ramp(e, KNOTS[2], KNOTS[3], s2, s3)
     w4, t4, h4 = _ramp(e, KNOTS[3], KNOTS[4], s3, s4)
     w5, t5, h5 = _ramp(e, KNOTS[4], KNOTS[5], s4, s5)
+    w6, t6, h6 = _ramp(e, KNOTS[5], KNOTS[6], s5, s6)
     return (
-        0.5 * s0 * e * e + w1 + w2 + w3 + w4 + w5,
-        s0 * e + t1 + t2 + t3 + t4 + t5,
-        s0 + h1 + h2 + h3 + h4 + h5,
+        0.5 * s0 * e * e + w1 + w2 + w3 + w4 + w5 + w6,
+        s0 * e + t1 + t2 + t3 + t4 + t5 + t6,
+        s0 + h1 + h2 + h3 + h4 + h5 + h6,
     )
 
 
