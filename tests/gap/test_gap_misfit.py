@@ -137,6 +137,36 @@ def test_what_the_parameters_took_is_made_up_for(data, modes):
     assert np.trace(found.spread[0]) / COURSES == pytest.approx(20.0, rel=3 * np.sqrt(2 / 189))
 
 
+def test_by_more_points_it_takes_as_much(made_by_the_model: Callable[..., Data]):
+    """What goes smoothly counts alike, however many points show it; white noise as white noise."""
+    whole = made_by_the_model(TRUTH, 12.0, frames=7, seed=6)
+    thin = whole.thinned(2)
+    rng = np.random.default_rng(8)
+    x, y = whole.specimen.reference[:, :2].T / whole.specimen.test.radius
+    powers = np.stack([x**i * y ** (n - i) for n in range(6) for i in range(n + 1)], axis=1)
+    modes, _ = np.linalg.qr(powers[::2])
+    left = np.einsum("qk,kfc->fqc", modes, 30.0 * rng.normal(size=(21, 7, 3)))[None]
+    left += rng.normal(size=left.shape)
+    rows = np.concatenate([np.full_like(left, 1e-9), left])
+    told = Misfit.of(thin, rows, np.eye(1), INFLATION)
+    on = told.on(whole, 1.0)
+    assert (len(told.spread), len(on.spread)) == (2, 3)
+    load = np.cbrt(whole.specimen.recorded)[:, None, None]
+    smooth = ((0.3 + x * y - y**3)[:, None] * load * [1.0, -2.0, 0.5])[None]
+    few, many = (
+        float((m.whitened(r, INFLATION) ** 2).sum())
+        for m, r in ((told, smooth[:, :, ::2]), (on, smooth))
+    )
+    assert few < 0.1 * float((smooth[:, :, ::2] ** 2).sum())
+    assert many == pytest.approx(few, rel=0.1)
+    noise = rng.normal(size=(1, *whole.used.shape))
+    kept = [
+        float((m.whitened(r, INFLATION) ** 2).sum() / (r**2).sum())
+        for m, r in ((told, noise[:, :, ::2]), (on, noise))
+    ]
+    assert kept[0] < kept[1] < 1.0
+
+
 EFFECTS = (
     "clamp_slip", "rigid_motion", "fixture_motion", "registration", "dic_scale", "pressure_offset",
     "lens_distortion", "clamp_shape", "stiffness_gradient", "prestrain", "initial_shape",

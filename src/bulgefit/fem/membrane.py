@@ -127,7 +127,7 @@ class Fabric:
             _check_coupling(self.coupling, stiffness)
         own = *self.slack, *self.gain, *self.bend, *self.knee
         spent = self._spent(stiffness)
-        curve = _NO_CURVE
+        curve = list(_NO_CURVE)
         if self.curve is not None:
             curve = self._excess(self.curve, stiffness, spent).ravel().tolist()
         last = *self.coupling, *spent

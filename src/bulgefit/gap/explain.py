@@ -119,10 +119,11 @@ def explain(
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
     offsets = _on(whole, search.problem.offsets)
-    weighing = Weighing(whole, coordinates, offsets).beside(_excess(search))
+    weighing = search.problem.over(whole, offsets, _excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
-    tempered = temper(whole, final.predictions, taken_up(weighing, fit, layout))
+    bare = Weighing(whole, coordinates, offsets)
+    tempered = temper(whole, final.predictions, taken_up(bare, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), search.names)
@@ -136,11 +137,11 @@ def explain(
         say("the model without offsets")
         creases = Owned(CREASES)
         keys[creases] = offsets_of_points(len(whole))
-        bare = Weighing(whole, coordinates)
-        smooth = refitted(bare, layout, fit.model, fit.x, fit.here.near)
+        smooth = weighing.smooth()
+        rest = refitted(smooth, layout, fit.model, fit.x, fit.here.near)
         chance = float(expit(0.5 * creases_worth / tempered))
-        rest = None if smooth is None else regression_of(bare, smooth)
-        evidence[creases] = Evidence(chance, (), rest, {})
+        without_creases = None if rest is None else regression_of(smooth, rest)
+        evidence[creases] = Evidence(chance, (), without_creases, {})
         found_fields.append(FoundField(creases, _creases(whole, final)))
     return Explanation(
         baseline=baseline,
@@ -160,8 +161,8 @@ def explain(
 def _excess(search: Search[Weighing]) -> float:
     """Of the noise, where the best model was weighed beside a misfit; 1 where nothing is left.
 
-    What errs may also move the values of what does not: so standard errors and the ends of
-    descents count it.
+    What errs may also move the values of what does not, beyond what a covariance of its own says:
+    so standard errors count it in all directions.
     """
     problem, best = search.problem, search.best
     if problem.misfits is None:

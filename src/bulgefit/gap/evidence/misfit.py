@@ -133,6 +133,18 @@ class Misfit:
             spread.append((turn * np.maximum(values - inflation, 0.0)) @ turn.T)
         return cls(modes, tuple(spread))
 
+    def on(self, d: Data, louder: float) -> Misfit:
+        """The same misfit over other points of the specimen, which may tell an octave more.
+
+        A mode's coefficient grows with the root of the number of points. What is finer than all
+        octaves counts as the noise does, whose variance there is `louder` times that here.
+        """
+        modes = _Modes.of(d)
+        more = len(modes.over[0]) / len(self.modes.over[0])
+        last = len(self.spread) - 1
+        smooth = [more * self.spread[min(octave, last)] for octave in range(len(modes.over))]
+        return Misfit(modes, (*smooth, louder * self.spread[last]))
+
     def whitened(self, rows: Floats, inflation: float) -> Floats:
         """Rows (n, frames, points, 3) by which products count beside the misfit.
 

@@ -72,7 +72,7 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         predictions.append(d.specimen.observe(shapes, names))
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
-    known = _prior(chosen, fit.x[columns], weighing.inflation)
+    known = _prior(chosen, fit.x[columns], weighing.excess * weighing.inflation)
     if not free:
         known += _heights(weighing.data, predictions, keys)
     offsets = [
@@ -84,9 +84,9 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         _with(normal, known),
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
-        weighing.inflation / weighing.tempered,
+        weighing.inflation,
         fit.converged,
-        excess=weighing.tempered,
+        excess=weighing.excess,
     )
 
 

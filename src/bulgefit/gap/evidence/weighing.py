@@ -33,6 +33,9 @@ __all__ = ["Weighing"]
 
 Floats = NDArray[np.float64]
 
+#: Rows that are whitened at a time: all of them may be half a gigabyte.
+_AT_ONCE = 32
+
 
 class Weighing:
     """The misfit of specimens by coordinates (`problem.Problem`).
@@ -48,6 +51,8 @@ class Weighing:
         By which the specimens' noise was raised beyond what it is (`beside`).
     misfits : sequence of Misfit, optional
         By specimen: noise of its own that models are judged beside.
+    excess : float
+        By which errors count a misfit beyond the noise.
     """
 
     def __init__(
@@ -57,9 +62,10 @@ class Weighing:
         offsets: Sequence[Creases] | None = None,
         tempered: float = 1.0,
         misfits: Sequence[Misfit] | None = None,
+        excess: float = 1.0,
     ) -> None:
         self.data, self.coordinates, self.offsets = data, coordinates, offsets
-        self.tempered, self.misfits = tempered, misfits
+        self.tempered, self.misfits, self.excess = tempered, misfits, excess
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -79,7 +85,24 @@ class Weighing:
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
         data = [d.afresh() for d in self.data]
-        return Weighing(data, self.coordinates, self.offsets, self.tempered, self.misfits)
+        return Weighing(
+            data, self.coordinates, self.offsets, self.tempered, self.misfits, self.excess
+        )
+
+    def smooth(self) -> Weighing:
+        """The same without offsets of the points."""
+        return Weighing(self.data, self.coordinates, None, self.tempered, self.misfits, self.excess)
+
+    def over(
+        self, data: Sequence[Data], offsets: Sequence[Creases] | None, excess: float
+    ) -> Weighing:
+        """The same over other data of the specimens, beside what models were judged beside here."""
+        whole = Weighing(data, self.coordinates, offsets, excess=excess)
+        if self.misfits is not None:
+            louder = whole.inflation / self.inflation
+            pairs = zip(self.misfits, data, strict=True)
+            whole.misfits = [misfit.on(d, louder) for misfit, d in pairs]
+        return whole
 
     def beside(self, excess: float) -> Weighing:
         """The same beside a misfit that no model takes away: more noise by this factor."""
@@ -198,7 +221,9 @@ class Weighing:
             own = _beside_mesh(own, mesh[0], d.inflation)
         if self.misfits is not None:
             frames = self.of_frames(index, own)
-            frames[:] = self.misfits[index].whitened(frames, self.inflation)
+            for first in range(0, len(frames), _AT_ONCE):
+                some = frames[first : first + _AT_ONCE]
+                some[:] = self.misfits[index].whitened(some, self.inflation)
         return own
 
     def of_frames(self, index: int, rows: Floats) -> Floats:
