@@ -925,3 +925,33 @@ def test_what_ends_on_the_edge_of_stability_is_kept():
     known = search.scores(1.0)
     assert known.keys() == search.fits.keys()
     assert known[fit.model] == pytest.approx(search.best.score, rel=1e-12)
+
+
+def test_drops_go_round() -> None:
+    """What was tried from the model before comes after what was not: once for each, not each time.
+
+    Seven cannot be looked around in, so that every drop is fitted.
+    """
+
+    class Narrow(Known):
+        def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+            if len(columns) > 6:
+                raise SolveError(
+                    "none", pressure=0.2, reached=0.2, iteration=1, residual_norm=1.0, parameters={}
+                )
+            return super().linearise(x, columns, near)
+
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(60, 7))
+    measured = rows @ [2.0, 3.0, -2.0, 0.0, 0.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
+    problem = Narrow(
+        [group(n, [1.0]) for n in "abcdefg"], measured, lambda x: (rows @ x, rows), inflation=0.01
+    )
+    search = searched(problem)
+    search.fit(freeze(dict.fromkeys("abcdef", 0)), np.zeros(7))
+    tried: list[str] = []
+    search.say = tried.append
+    search.closely()
+    assert search.best.model == freeze(dict.fromkeys("abc", 0))
+    whole = ["bcdef", "acdef", "abdef", "abcef", "abcf", "abc", "bc", "ac", "ab"]
+    assert tried == [" + ".join(names) for names in whole]

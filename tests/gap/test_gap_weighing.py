@@ -230,8 +230,22 @@ def test_the_loudest_course_is_told_and_not_the_mean_of_all(data: Data) -> None:
     off = replace(prediction, displacement=prediction.displacement + miss)
     mean, largest = (told([data], [off], taken=0) for told in (temper, loudest))
     square = 4.0 * frames * len(x)
-    assert largest == pytest.approx(1.0 + square / 21, rel=0.05)
+    assert largest == pytest.approx(1.0 + square / 22, rel=0.05)
     assert mean == pytest.approx(1.0 + square / (21 * 3 * min(frames, 6)), rel=0.05)
+
+
+def test_modes_that_parameters_took_tell_nothing(data: Data) -> None:
+    """Of a hundredth of a mode a square as large as the noise's of one is no hundredfold."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    modes = 21 * 3 * min(len(data.used), 6)
+    still = replace(prediction, displacement=np.where(data.used, data.specimen.measured, 0.0))
+    x = data.specimen.reference[:, 0]
+    unit = np.zeros_like(data.weight)
+    unit[0, :, 0] = (x / np.linalg.norm(x)) / data.weight[0, :, 0]
+    off = replace(still, displacement=still.displacement + np.sqrt(data.inflation) * unit)
+    for told in (temper, loudest):
+        assert told([data], [off], taken=modes - 0.01) == pytest.approx(2.0, rel=0.3)
+        assert told([data], [still], taken=modes + 5.0) == 1.0
 
 
 def test_what_differs_from_frame_to_frame_counts_once(data: Data) -> None:

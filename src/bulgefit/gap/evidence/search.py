@@ -205,7 +205,7 @@ class Search(Generic[Kind]):
         are at their nulls at the bottom of a bent one may look needed.
         """
         close = replace(self, roughly=False)
-        settled = set[Model]()
+        settled, last = set[Model](), None
         while (best := self.best).model not in settled:
             settled.add(best.model)
             found = kept(partial(descend, self.problem, self.layout, best.model, best.x,
@@ -214,24 +214,34 @@ class Search(Generic[Kind]):
             if self.best is found:
                 close.improved(found)
             if self.best is found:
-                self._without_each(found)
+                last = self._without_each(found, last)
 
-    def _without_each(self, fit: Fit) -> None:
-        """Drops from a fit, each fitted, until one of them is the best model.
+    def _without_each(self, fit: Fit, last: Owned | None) -> Owned | None:
+        """Drops from a fit, each fitted, until one of them is the best model: that of which group.
+
+        They go round by name, from the group on that was the last to go: what was tried from the
+        model before comes after what was not.
 
         A group may hold the others in a valley that none of them would stay in: what they would do
         without it is on the other side, and no forecast sees it. Nor does one see what is periodic
         in the place of a group: as long as that is there, no side takes off more than another.
         """
         rough = replace(self, roughly=True, share=GROWN)
-        for model in self._smaller(fit.model):
+
+        def changed(model: Model) -> Owned:
+            return next(iter(fit.model - model))[0]
+
+        for model in sorted(
+            self._smaller(fit.model), key=lambda m: last is not None and changed(m) <= last
+        ):
             less = rough.fit(model, fit.x, fit.here.near, hope=self._as_good(fit, model))
             gone = set(dict(fit.model)) - set(dict(model))
             if self.best is fit and less is not None:
                 for name in gone:
                     rough._turned_in_place(less, name)
             if self.best is not fit:
-                return
+                return changed(model)
+        return None
 
     def _as_good(self, fit: Fit, smaller: Model) -> float:
         """|r|²/v + Σ((x - n)/s)² by which a smaller model would have as much evidence as a fit."""

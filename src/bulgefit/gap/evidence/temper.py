@@ -31,6 +31,10 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
     just such modes: what errs in every frame alike counts as often as they do. So variances there
     are v T, and evidence counts 1/T of what it would.
 
+    Where parameters take nearly all modes, what is left of them says next to nothing: one mode more
+    stands for what is thought of T without any, the noise (a prior worth one value, the unit
+    information of Kass and Wasserman, 1995, "A reference Bayesian test for nested hypotheses").
+
     Parameters
     ----------
     taken : float
@@ -41,7 +45,7 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
         seen = _of_modes(d, d.residual(p)[None])
         square += float((seen**2).sum()) / d.inflation
         modes += seen.size
-    return max(square / max(modes - taken, 1.0), 1.0)
+    return max(_shrunk(square, modes - taken), 1.0)
 
 
 def loudest(data: Sequence[Data], predictions: Sequence[Prediction], taken: float) -> float:
@@ -58,13 +62,18 @@ def loudest(data: Sequence[Data], predictions: Sequence[Prediction], taken: floa
     """
     seen = [_of_modes(d, d.residual(p)[None]) for d, p in zip(data, predictions, strict=True)]
     count = sum(modes.size for modes in seen)
-    left = max(count - taken, 1.0) / count
+    left = max(count - taken, 0.0) / count
     found = 1.0
     for d, modes in zip(data, seen, strict=True):
         courses = modes[0].swapaxes(0, 1).reshape(modes.shape[2], -1)
-        values = np.linalg.eigvalsh(courses.T @ courses / len(courses))
-        found = max(found, float(values[-1]) / (d.inflation * left))
+        square = float(np.linalg.eigvalsh(courses.T @ courses)[-1]) / d.inflation
+        found = max(found, _shrunk(square, left * len(courses)))
     return found
+
+
+def _shrunk(square: float, number: float) -> float:
+    """Variance over the noise's, of a sum of squares over so many modes, and one of the noise."""
+    return (square + 1.0) / (max(number, 0.0) + 1.0)
 
 
 def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
