@@ -24,6 +24,7 @@ from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing, _balanced
 from bulgefit.gap.explain import _stepped_fields
+from bulgefit.gap.prepare import _trust
 from bulgefit.gap.specimen import Specimen
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -232,6 +233,32 @@ def test_the_loudest_course_is_told_and_not_the_mean_of_all(data: Data) -> None:
     square = 4.0 * frames * len(x)
     assert largest == pytest.approx(1.0 + square / 22, rel=0.05)
     assert mean == pytest.approx(1.0 + square / (21 * 3 * min(frames, 6)), rel=0.05)
+
+
+def test_what_is_left_of_the_mesh_is_no_misfit(data: Data) -> None:
+    """A smooth error of the mesh in one frame, ten times the noise: as models are judged beside."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    mesh = np.zeros_like(data.weight)
+    mesh[-1] = (data.specimen.reference[:, :1] / 100.0) ** 2 * 10.0 * data.sigma
+    off = replace(prediction, displacement=prediction.displacement - 1.7 * mesh)
+    known = replace(data, mesh=mesh)
+    for told in (temper, loudest):
+        assert told([data], [off], taken=4) > 2.0
+        noise = told([data], [prediction], taken=4)
+        assert told([known], [off], taken=4) == pytest.approx(noise, rel=0.1)
+
+
+def test_frames_that_hang_on_the_mesh_are_doubted(data: Data) -> None:
+    """Where more than the noise is left of the mesh's error, a miss is the model's own doubt."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    modelled = np.array(prediction.displacement)
+    modelled[-2:] += 5.0 * data.sigma
+    mesh = np.zeros_like(modelled)
+    mesh[-1, :, 1] = 2.0 * data.sigma[1]
+    mesh[-2, :, 1] = 0.5 * data.sigma[1]
+    trust = _trust(replace(data, mesh=mesh), modelled, prediction.shapes)
+    assert trust[-1] == pytest.approx(1.0 / np.sqrt(26.0), rel=0.05)
+    np.testing.assert_array_equal(trust[:-1], 1.0)
 
 
 def test_modes_that_parameters_took_tell_nothing(data: Data) -> None:

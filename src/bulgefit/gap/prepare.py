@@ -248,13 +248,13 @@ def fix_units(prepared: Prepared, shapes: Shapes) -> None:
     modelled = specimen.observe(shapes).displacement
     renew_noise(prepared, modelled)
     drop_outliers(prepared, modelled)
-    data.trust = _trust(data, modelled, shapes)
     left = mesh_remainder(specimen, shapes)
     if left is not None and specimen.correction is not None:
         once = specimen.correction
         specimen.correction = once + left
         data.mesh = specimen.observe(shapes).displacement - modelled
         specimen.correction = once
+    data.trust = _trust(data, modelled, shapes)
 
 
 def _trust(data: Data, modelled: Floats, shapes: Shapes) -> Floats:
@@ -262,15 +262,20 @@ def _trust(data: Data, modelled: Floats, shapes: Shapes) -> Floats:
 
     Where part of the fabric is slack, tension-field theory says which tension it has but not where
     its wrinkles lie: there honest models differ by more than the noise, and what the best of them
-    leaves in such a frame, every effect being free, is variance of the model.
+    leaves in such a frame, every effect being free, is variance of the model. So it is where what
+    is left of the mesh's error is more than the noise: near a limit of stability shapes hang on
+    all that is small.
     """
-    if shapes.wrinkled is None:
-        return np.ones(len(data.used))
+    doubtful = np.zeros(len(data.used), dtype=bool)
+    if shapes.wrinkled is not None:
+        doubtful |= shapes.wrinkled > SLACK
+    if data.mesh is not None:
+        error = np.where(data.used, data.mesh / data.sigma, 0.0)
+        doubtful |= (error**2).mean(axis=1).max(axis=1) > 1.0
     units = np.where(data.used, (data.specimen.measured - modelled) / data.sigma, np.nan)
     seen = data.used.any(axis=(1, 2))
     square = np.ones(len(units))
     square[seen] = np.nanmean(units[seen] ** 2, axis=(1, 2))
-    doubtful = shapes.wrinkled > SLACK
     return np.where(doubtful, 1.0 / np.sqrt(np.maximum(square, 1.0)), 1.0)
 
 

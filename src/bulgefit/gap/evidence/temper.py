@@ -42,7 +42,7 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
     """
     square, modes = 0.0, 0
     for d, p in zip(data, predictions, strict=True):
-        seen = _of_modes(d, d.residual(p)[None])
+        seen = _of_modes(d, _off_mesh(d, d.residual(p))[None])
         square += float((seen**2).sum()) / d.inflation
         modes += seen.size
     return max(_shrunk(square, modes - taken), 1.0)
@@ -60,7 +60,8 @@ def loudest(data: Sequence[Data], predictions: Sequence[Prediction], taken: floa
     taken : float
         As for `temper`.
     """
-    seen = [_of_modes(d, d.residual(p)[None]) for d, p in zip(data, predictions, strict=True)]
+    pairs = zip(data, predictions, strict=True)
+    seen = [_of_modes(d, _off_mesh(d, d.residual(p))[None]) for d, p in pairs]
     count = sum(modes.size for modes in seen)
     left = max(count - taken, 0.0) / count
     found = 1.0
@@ -94,6 +95,18 @@ def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
         slopes[np.searchsorted(columns, own)] = _of_modes(d, rows).reshape(len(own), -1)
         found += float((slopes * cho_solve(factor, slopes)).sum())
     return found
+
+
+def _off_mesh(d: Data, residual: Floats) -> Floats:
+    """A residual less what is left of the mesh's error in it, which models are judged beside.
+
+    Near a limit of stability that is many times the noise: its most probable share.
+    """
+    if d.mesh is None:
+        return residual
+    mesh = np.where(d.used, d.mesh, 0.0) * d.weight
+    share = float((mesh * residual).sum()) / (d.inflation + float((mesh**2).sum()))
+    return np.asarray(residual - share * mesh)
 
 
 def _of_modes(d: Data, rows: Floats) -> Floats:
