@@ -70,7 +70,7 @@ def diagnose(
         parameters are fitted on every second frame, and it is judged on the rest.
     effects : iterable of str, optional
         Candidates; default: the whole catalogue.
-    law : {"hencky", "svk"}
+    law : {"hencky", "svk", "yarn"}
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
     same_rig : bool
