@@ -52,7 +52,7 @@ def test_svk_pulls_with_its_modulus_by_greens_strain() -> None:
 @pytest.mark.parametrize("law", ["hencky", "svk", "yarn"])
 def test_a_strip_narrows_until_its_energy_is_least(law: str) -> None:
     """Its slope is the pull then, by differences of the membrane's energy."""
-    fabric = Fabric(gain=(900.0, 300.0), curve=np.array([[0.2, 0.0, -0.3, 0.1, 0.4, 0.4]] * 2))
+    fabric = Fabric(gain=(900.0, 300.0), curve=np.array([[0.2, 0.0, -0.3, 0.1, 0.4, 0.4, 0.4]] * 2))
     q = fabric.law_parameters(STIFFNESS)
     mesh = rectangle((0.0, 10.0), (0.0, 10.0), 2, 2)
     strip = Membrane(mesh, 0.81, law, fabric=fabric, relaxation=False)
