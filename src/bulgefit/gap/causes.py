@@ -138,7 +138,7 @@ def _cause(found: Explanation, group: Owned, excess: float) -> Cause:
         effect=effect.id,
         specimen=group.specimen,
         probability=evidence.probability,
-        alternatives=tuple(rival.effect for rival in evidence.rivals),
+        alternatives=tuple({r.effect: None for r in evidence.rivals if r.effect != group.effect}),
         parameters=parameters,
         at_bound=at_bound,
         share_of_gap=share,
