@@ -58,6 +58,7 @@ NOISE = "gap/test_gap_noise.py"
 EVIDENCE = "gap/test_gap_evidence.py"
 CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
+WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
 NEWS = "fitting/test_bad_news.py"
@@ -263,6 +264,37 @@ MUTANTS = (
         "work(lift, corners, count) / 3.0",
         "work(lift, corners, count) / 2.0",
         CONSISTENCY,
+    ),
+    Mutant(
+        "fem/membrane.py",
+        "added = self._slopes(np.array(KNOTS), moduli, spent) * np.expm1(curve)",
+        "added = moduli[:, None] * np.expm1(curve)",
+        LAWS,
+    ),
+    Mutant("model/opening.py", "curvature = 2.0 * twice", "curvature = 1.0 * twice", WINDOW),
+    Mutant(
+        "model/window.py",
+        "on_disc = self.radius * opening.unit(np.concatenate(places))",
+        "on_disc = np.concatenate(places)",
+        WINDOW,
+    ),
+    Mutant(
+        "trial/window.py",
+        "weights = reach[..., None] * shares * distance",
+        "weights = reach[..., None] * shares",
+        "trial/test_trial_made.py",
+    ),
+    Mutant(
+        "gap/evidence/misfit.py",
+        "more * self.spread[min(octave, last)]",
+        "self.spread[min(octave, last)]",
+        "gap/test_gap_misfit.py",
+    ),
+    Mutant(
+        "gap/evidence/temper.py",
+        "residual - share * mesh",
+        "residual + share * mesh",
+        "gap/test_gap_weighing.py",
     ),
 )
 
