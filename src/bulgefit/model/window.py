@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from bulgefit.model.opening import Opening
-from bulgefit.model.smooth import smooth_field
+from bulgefit.model.smooth import smooth_value
 
 __all__ = ["Window"]
 
@@ -63,7 +63,7 @@ class Window:
         self._half = int(np.ceil(_REACH / _SPACING))
         ticks = self._spacing * np.arange(-self._half, self._half + 1)
         points = np.stack(np.meshgrid(ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 2)
-        self._grid = smooth_field(self.nodes, points).value
+        self._grid = smooth_value(self.nodes, points)
 
     def value(self, unit: Floats, window: float, opening: Opening) -> sparse.csr_array:
         """The operator (m, n) of the mean over discs of radius `window` (mm) on the fabric.

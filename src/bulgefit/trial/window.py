@@ -51,8 +51,9 @@ def averaged(shapes: Shapes, points: Floats, window: float, rim: Floats) -> Floa
     is not seen (NaN).
     """
     edge = _Edge.of(rim)
-    inside = edge.inwards(points) > 0.0
-    beside = inside & (edge.inwards(points) <= window + edge.unevenness)
+    inwards = edge.inwards(points)
+    inside = inwards > 0.0
+    beside = inside & (inwards <= window + edge.unevenness)
     out = np.full((len(shapes.fine), len(points), 3), np.nan)
     for part, (offsets, weights) in (
         (inside & ~beside, _window(window)),
