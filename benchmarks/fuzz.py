@@ -4,8 +4,9 @@
 
 Every input must be read or refused with one line, within 5 s of processor time and four times the
 file and 200 MB, running no code and opening nothing but itself. Inputs are read in child processes
-of a thousand each, so that a crash of a library is one failure and not the end. A failure is named
-by format, seed and number, which make the same input again.
+of a thousand each, so that a crash of a library is one failure and not the end; HDF5 in that by the
+process of bulgefit's own, which serves a folder's files and is replaced where a file ends it. A
+failure is named by format, seed and number, which make the same input again.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import traceback
 import zipfile
 from collections.abc import Callable, Iterator
@@ -158,8 +160,10 @@ def writers(folder: Path) -> dict[str, Callable[[np.random.Generator], Path]]:
         name, data = single[kind]
 
         def write(rng: np.random.Generator) -> Path:
-            (folder / name).write_bytes(damaged(data, rng))
-            return folder / name
+            # a name of its own: of one that has ended the process apart no more is asked
+            place = folder / f"{rng.integers(1 << 60)}{name}"
+            place.write_bytes(damaged(data, rng))
+            return place
 
         return write
 
@@ -230,6 +234,8 @@ def watch(folder: Path) -> None:
 
 def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
     """Read `count` inputs of one format in this process."""
+    from bulgefit.dic.hdf5_apart import one_helper
+
     write = writers(folder)[kind]
     read_one(write(np.random.default_rng(0)), kind)  # imports what is needed
     watch(folder)
@@ -237,18 +243,23 @@ def batch(kind: str, seed: int, count: int, folder: Path) -> dict[str, object]:
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     tally = {"read": 0, "refused": 0}
     slowest = 0.0
-    for number in range(count):
-        (folder / "now").write_text(f"{kind} {seed} {number}")
-        path = write(np.random.default_rng((seed, number)))
-        began = processor_time()
-        signal.setitimer(signal.ITIMER_REAL, LONGEST)
-        try:
-            tally[read_one(path, kind)] += 1
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-        slowest = max(slowest, processor_time() - began)
-        if slowest > SECONDS:
-            raise TimeoutError(f"took {slowest:.1f} s")
+    with one_helper():
+        for number in range(count):
+            (folder / "now").write_text(f"{kind} {seed} {number}")
+            path = write(np.random.default_rng((seed, number)))
+            began = processor_time(), time.monotonic()
+            signal.setitimer(signal.ITIMER_REAL, LONGEST)
+            try:
+                tally[read_one(path, kind)] += 1
+            finally:
+                signal.setitimer(signal.ITIMER_REAL, 0)
+                if path.is_file():
+                    path.unlink()
+            # a process that ended brings the time of all files that it has served
+            took = min(processor_time() - began[0], time.monotonic() - began[1])
+            slowest = max(slowest, took)
+            if slowest > SECONDS:
+                raise TimeoutError(f"took {slowest:.1f} s")
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
     if grown > BYTES:
         raise AssertionError(f"took {grown / 1e6:.0f} MB")

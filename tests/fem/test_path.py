@@ -372,6 +372,60 @@ def test_what_stops_a_path_without_ellipticity_is_its_loss() -> None:
     assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
 
 
+def test_what_mirrors_is_not_balanced_askew() -> None:
+    """Pretension alone takes ellipticity, and descent found one of many shapes with bands."""
+    membrane = Membrane(disc(100.0, 3), 0.81, fabric=Fabric(slack=(-0.019239786, -0.012171133)))
+    stiffness = orthotropic_stiffness(802.158592, 3008.820262, 2.776162, 0.348988)
+    found = solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness, patient=True)
+    assert found.stable
+    assert found.leapt
+    assert membrane.acoustic_margin(found.displacement, stiffness) < -1e-3
+    with pytest.raises(SolveError, match="reached up to 0 bar") as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.pressure == pytest.approx(1e-4)
+
+
+def test_a_limit_pressure_of_bands_is_a_loss_of_ellipticity() -> None:
+    """The mesh held them back up to 2.75 bar; shapes with bands bear more, and depend on it."""
+    heights = (9.6361, -9.05094, 6.69473, 5.77534, -0.909928)
+    uneven = _uneven(heights, "hencky", refine=2)
+    membrane = Membrane(uneven.mesh, 0.81, angle=np.radians(9.0246908), fabric=uneven.fabric)
+    stiffness = orthotropic_stiffness(1331.122484, 157.157375, 1.094822, 0.160809871)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    below = trace(membrane, stiffness, (1e-4, 0.999 * caught.value.reached))
+    assert below.stable.all()
+    assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
+
+
+def test_a_loss_of_ellipticity_is_bisected_past_shapes_of_other_branches() -> None:
+    """Just below the limit pressure; half way to a shape beyond it there was none to be found."""
+    warp = (0.0, -0.15854895884, -0.55431282034, -0.64143052219, -0.02471792238, 0.31393594376,
+            0.07392550036)  # fmt: skip
+    fill = (0.0, 0.1093942795, 0.18884230053, 0.27166960025, 0.15160169715, -0.38108408364,
+            -0.98045352962)  # fmt: skip
+    fabric = Fabric(curve=np.array([warp, fill]))
+    membrane = Membrane(disc(100.0, 3), 0.81, "yarn", fabric=fabric)
+    stiffness = orthotropic_stiffness(48.30160662, 71.37176335, 2.41694074, 0.32417968)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.pressure - caught.value.reached < 1e-3 * caught.value.reached
+    below = trace(membrane, stiffness, (1e-4, 0.9999 * caught.value.reached))
+    assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
+
+
+@pytest.mark.parametrize("high", [0.05289, 0.05])
+def test_loose_cloth_is_led_up_in_short_descents(high: float) -> None:
+    """A descent from afar ends in bands of shear at pressures that a path leads beyond."""
+    fabric = Fabric(slack=(0.0022987377, -0.0106492258), compliance=0.0286828457)
+    membrane = Membrane(disc(100.0, 4), 0.81, fabric=fabric)
+    stiffness = orthotropic_stiffness(3562.1884, 141.275381, 1.65407257, 0.298320129)
+    assert trace(membrane, stiffness, (1e-4, high)).stable.all()
+
+
 @pytest.mark.parametrize("law", ["svk", "yarn"])
 def test_other_laws_have_a_path_at_so_soft_a_shear(law: str) -> None:
     membrane = Membrane(disc(100.0, 3), 0.81, law)

@@ -78,6 +78,9 @@ class Equilibrium:
     stable : bool
         False where the tangent is not positive definite: the branch goes on, but the fabric
         could leave it (a soft shear modulus lets the law localise).
+    leapt : bool
+        A tangent on the way was not positive definite: of several stable shapes, descent has taken
+        one, and another start might have led to another.
     """
 
     pressure: float
@@ -89,6 +92,7 @@ class Equilibrium:
     factorisations: int
     wrinkled: int
     stable: bool
+    leapt: bool
 
 
 def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats:
@@ -184,7 +188,7 @@ def solve(
                     factor, stable = search.own_factor(polished)
                 return Equilibrium(
                     pressure, polished, factor, exact, search.slope, search.slope_change,
-                    search.work, state.wrinkled, stable,
+                    search.work, state.wrinkled, stable, search.leapt,
                 )  # fmt: skip
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
@@ -206,6 +210,7 @@ class _Search:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
         self.follow = follow
         self.shift = 0.0
+        self.leapt = False
         self.work = 0
         #: What follows a full step over its size squared, 1/mm; known after the first.
         self.rate = np.inf
@@ -247,6 +252,7 @@ class _Search:
                     return self._indefinite_factor(displacement), False
                 # the attempt has used it up
                 tangent = self._tangent(displacement)
+                self.leapt = True
                 self.shift = max(1e-4, 5.0 * self.shift)
         raise NewtonError(
             "the tangent is not positive definite", iteration, _norm(state), self.work

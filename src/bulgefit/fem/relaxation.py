@@ -146,12 +146,36 @@ def _wrinkle_hessian(a1, a2, at):
 
 
 @inner
+def _softness(a1, a2, at):
+    """A wrinkle's direction n and |a|² times the inverse of ∂²W/∂a∂a at the minimum.
+
+    There S n = 0, so that S is s t⊗t with t across n and s its trace: without what rounding leaves
+    of S n, which a small wrinkle would magnify, ∂²W/∂a∂a over |a|² is BᵀCC B of n plus s/|a|² t⊗t.
+
+    Returns
+    -------
+    n1, n2 : float
+        Zero where there is no wrinkle.
+    i11, i22, i12 : float, 1/MPa
+    """
+    size = math.hypot(a1, a2)
+    if size == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    n1, n2 = a1 / size, a2 / size
+    x1, y1, z1, _, y2, z2 = _wrinkle_stiffness(n1, n2, at)
+    held = max(at[1] + at[2], 0.0) / (size * size)
+    m11 = n1 * x1 + n2 * z1 + held * n2 * n2
+    m22 = n2 * y2 + n1 * z2 + held * n1 * n1
+    m12 = n2 * y1 + n1 * z1 - held * n1 * n2
+    det = m11 * m22 - m12 * m12
+    return n1, n2, m22 / det, m11 / det, -m12 / det
+
+
+@inner
 def _condense(a1, a2, at):
     """`at` with the wrinkle taken out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC."""
-    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-    det = m11 * m22 - m12 * m12
-    i11, i22, i12 = m22 / det, m11 / det, -m12 / det
-    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
+    n1, n2, i11, i22, i12 = _softness(a1, a2, at)
+    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(n1, n2, at)
     return (
         at[0], at[1], at[2], at[3],
         at[4] - (i11 * x1 * x1 + i22 * x2 * x2 + 2.0 * i12 * x1 * x2),
@@ -257,11 +281,9 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
 @inner
 def _take_out(a1, a2, at, stress):
     """A change of stress at fixed wrinkle, less what the wrinkle's own change relieves."""
-    m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-    det = m11 * m22 - m12 * m12
-    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(a1, a2, at)
+    n1, n2, i11, i22, i12 = _softness(a1, a2, at)
+    x1, y1, z1, x2, y2, z2 = _wrinkle_stiffness(n1, n2, at)
     s1, s2, s3 = stress
-    r1, r2 = s1 * a1 + s3 * a2, s3 * a1 + s2 * a2
-    d1 = (m22 * r1 - m12 * r2) / det
-    d2 = (m11 * r2 - m12 * r1) / det
+    r1, r2 = s1 * n1 + s3 * n2, s3 * n1 + s2 * n2
+    d1, d2 = i11 * r1 + i12 * r2, i12 * r1 + i22 * r2
     return s1 - x1 * d1 - x2 * d2, s2 - y1 * d1 - y2 * d2, s3 - z1 * d1 - z2 * d2

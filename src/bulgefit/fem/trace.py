@@ -36,7 +36,11 @@ _CLOSEST = 0.02
 _PATIENCE = 80
 #: After a failure: shorter steps to try, as shares of the one that failed, and leaps over a
 #: singular point, as shares of s.
-_SHORTER, _LEAPS = (0.6, 0.3), (0.015, 0.03, 0.05, 0.022, 0.08, 0.04, 0.12)
+_SHORTER, _SHORTER_STILL, _LEAPS = (
+    (0.6, 0.3),
+    (0.3, 0.1, 0.03),
+    (0.015, 0.03, 0.05, 0.022, 0.08, 0.04, 0.12),
+)
 #: A path that stops at soft shear, G12 under this share of D11 + D22, starts anew with tolerances
 #: this much coarser: longer steps leap over the singular points that stopped it.
 _SOFT_SHEAR, _RESTARTS = 0.05, (1.0, 10.0, 100.0)
@@ -59,8 +63,12 @@ _GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
 _BY_VOLUME = 40
 #: Pressures that are tried one after another where cloth is too loose at the lowest to be found.
 _TAUTER = (10.0, 100.0, 1000.0)
+#: The lowest pressure over the one that is tried where cloth is past its loss of ellipticity there.
+_LOWER = 100.0
 #: Accuracy of the pressure at which ellipticity is lost, relative in s.
 _BRACKET = 1e-4
+#: Bisection of a volume ends where steps of this share of what is left lead to no shape.
+_LEAST_SHARE = 0.01
 
 
 @dataclass(eq=False)
@@ -83,6 +91,13 @@ class _Estimate:
     knots: tuple[float, ...]
     shape: Floats
     error: float
+
+
+class _BandedError(NewtonError):
+    """Descent has come to a shape at which the law is not elliptic, past others that it left.
+
+    Bands of shear may lie in many ways there, and no path tells this one from the others.
+    """
 
 
 class _Tracer:
@@ -147,6 +162,10 @@ class _Tracer:
             )
             raise
         self.work += balance.factorisations
+        if self.elliptic and balance.leapt and not self.is_elliptic(balance.displacement):
+            self.wasted += balance.factorisations
+            reason = Cause.LOSS_OF_ELLIPTICITY
+            raise _BandedError(reason.value, 0, 0.0, 0, reason)
         slope = slope_in_pressure(self.membrane, balance, self.stiffness)
         smooth = follow and not rough and not self.closing_in
         if smooth and self._is_rough(s, balance.displacement, slope):
@@ -338,6 +357,8 @@ def _start(tracer: _Tracer, low: float, high: float) -> None:
     try:
         guess = flat_guess(membrane, low**3, stiffness)
         tracer.solve(low, guess, follow=False, patient=True)
+    except _BandedError as banded:
+        _start_lower(tracer, low, banded)
     except NewtonError as error:
         for factor in _TAUTER:
             pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
@@ -351,9 +372,27 @@ def _start(tracer: _Tracer, low: float, high: float) -> None:
                     shape = balance.displacement
                 tracer.solve(low, shape, follow=False)
                 return
+            except _BandedError as banded:
+                raise _lost_at(tracer, low, 0.0) from banded
             except NewtonError as again:
                 tracer.work += again.work
         raise error
+
+
+def _start_lower(tracer: _Tracer, low: float, banded: _BandedError) -> None:
+    """Balance a level below the lowest, from which a path may lead up without a leap.
+
+    Raises
+    ------
+    _StoppedError
+        Where ellipticity is lost from the start.
+    """
+    p = low**3 / _LOWER
+    guess = flat_guess(tracer.membrane, p, tracer.stiffness)
+    try:
+        tracer.solve(float(np.cbrt(p)), guess, follow=False, patient=True)
+    except NewtonError:
+        raise _lost_at(tracer, low, 0.0) from banded
 
 
 def _check_ellipticity(tracer: _Tracer) -> None:
@@ -481,13 +520,32 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
             raise
         if tracer.elliptic and not tracer.is_elliptic(below.displacement):
             raise _lost_at(tracer, last * (1.0 + _BRACKET), last) from stopped
-        if not (below.wrinkled and _draw_taut(tracer, end)):
+        if not (below.wrinkled and (_creep(tracer, step) or _draw_taut(tracer, end))):
             raise
     return (tracer.levels[-1].s - last) / step
 
 
+def _creep(tracer: _Tracer, step: float) -> bool:
+    """Add a level a part of `step` ahead by descent from the last shape; False: there is none."""
+    last = tracer.levels[-1]
+    for share in _SHORTER_STILL:
+        try:
+            s = last.s + share * step
+            tracer.solve(s, last.displacement, follow=False, patient=True)
+            return True
+        except NewtonError:
+            continue
+    return False
+
+
 def _draw_taut(tracer: _Tracer, end: float) -> bool:
-    """Add a level at a pressure that draws loose cloth taut; False where none is found."""
+    """Add a level at a pressure that draws loose cloth taut; False where none is found.
+
+    Raises
+    ------
+    _StoppedError
+        Where that is past the loss of ellipticity.
+    """
     low = tracer.levels[-1].s
     for factor in _TAUTER:
         s = min(low * float(np.cbrt(factor)), end)
@@ -495,6 +553,8 @@ def _draw_taut(tracer: _Tracer, end: float) -> bool:
             guess = flat_guess(tracer.membrane, s**3, tracer.stiffness)
             tracer.solve(s, guess, follow=False)
             return True
+        except _BandedError as banded:
+            raise _lost_at(tracer, s, low) from banded
         except NewtonError:
             if s == end:
                 break
@@ -526,8 +586,6 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             continue
         tracer.work += point.work
         points.append(point)
-        if point.pressure < here.pressure:
-            raise _limit(tracer, points, failure)
         if tracer.elliptic and not point.stable and not tracer.is_elliptic(point.displacement):
             low, high = _turn(tracer, here, point)
             # one that turned unstable before has passed its limit pressure, if pressure falls next
@@ -536,8 +594,8 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
                 # what lies behind may be found on a branch of lower pressures
                 beyond = max(np.cbrt(high.pressure), reached * (1.0 + _BRACKET))
                 raise _lost_at(tracer, beyond, reached)
-        # its pressure is higher, and has been higher still
-        if not point.rises:
+        # falling pressure, or one that has been higher still
+        if point.pressure < here.pressure or not point.rises:
             raise _limit(tracer, points, failure)
         s = np.cbrt(point.pressure)
         if s > beyond:
@@ -582,17 +640,23 @@ def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
 
 
 def _turn(tracer: _Tracer, low: Point, high: Point) -> tuple[Point, Point]:
-    """Bisect by volume where a branch becomes both unstable and not elliptic."""
-    while high.volume - low.volume > _BRACKET * abs(high.volume):
-        volume = 0.5 * (low.volume + high.volume)
-        start = 0.5 * (low.displacement + high.displacement)
-        pressure = 0.5 * (low.pressure + high.pressure)
+    """Bisect by volume where a branch becomes both unstable and not elliptic.
+
+    Steps that lead to no shape are halved: the upper shape may be one of another branch.
+    """
+    share = 0.5
+    while high.volume - low.volume > _BRACKET * abs(high.volume) and share > _LEAST_SHARE:
+        volume = low.volume + share * (high.volume - low.volume)
+        start = low.displacement + share * (high.displacement - low.displacement)
+        pressure = low.pressure + share * (high.pressure - low.pressure)
         try:
             middle = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume)
         except NewtonError as error:
             tracer.work += error.work
-            break
+            share *= 0.5
+            continue
         tracer.work += middle.work
+        share = 0.5
         if middle.stable or tracer.is_elliptic(middle.displacement):
             low = middle
         else:
