@@ -116,6 +116,8 @@ class _Tracer:
         self.closing_in = False
         #: Descent is long where it fails, so it is not tried again then.
         self.descends = True
+        #: Whether the last level was one that no step in pressure had found.
+        self.by_volume = False
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
@@ -505,14 +507,17 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     if tracer.elliptic and descend:
         descend = tracer.is_elliptic(below.displacement)
     attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
-    for share, follow in attempts:
+    # where the last steps failed the next are likely to
+    for share, follow in attempts[-1:] if tracer.by_volume else attempts:
         s = last + share * step
         try:
             tracer.solve(s, tracer.predict(s), follow=follow)
+            tracer.by_volume = False
             return share
         except NewtonError as error:
             failure = error
             tracer.descends &= follow
+    tracer.by_volume = True
     try:
         _go_by_volume(tracer, last + min(_SHORTER) * step, failure)
     except _StoppedError as stopped:
