@@ -417,6 +417,20 @@ def test_a_loss_of_ellipticity_is_bisected_past_shapes_of_other_branches() -> No
     assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
 
 
+def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
+    """One did from 1.78 to 1.80 bar, where the margin fell by two thirds, and the path went on."""
+    heights = (-7.34093183, 6.93603176, 2.32165746, -1.23179184, -7.18763213)
+    uneven = _uneven(heights, "hencky", refine=4, compliance=0.07412688842)
+    membrane = Membrane(uneven.mesh, 0.81, angle=np.radians(73.96804470), fabric=uneven.fabric)
+    stiffness = orthotropic_stiffness(1401.10491582, 231.70308312, 0.55355538, 0.31978942)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached < 0.18
+    below = trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached))
+    assert below.stable.all()
+
+
 @pytest.mark.parametrize("high", [0.05289, 0.05])
 def test_loose_cloth_is_led_up_in_short_descents(high: float) -> None:
     """A descent from afar ends in bands of shear at pressures that a path leads beyond."""

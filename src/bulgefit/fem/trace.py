@@ -630,7 +630,9 @@ def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
 
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
-    another branch, or lies behind a limit and a least pressure too: shorter steps tell.
+    another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
+    where the law is not elliptic and a shape is not the one that the last two lead to: between them
+    bands of shear may have come.
 
     Raises
     ------
@@ -639,9 +641,18 @@ def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
     here = points[-1]
     start = _ahead(points, volume)
     point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
+    turned = tracer.elliptic and len(points) > 1 and _turns(start, here, point)
+    if turned and not tracer.is_elliptic(here.displacement):
+        raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
     if point.stable and point.pressure < here.pressure:
         raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
     return point
+
+
+def _turns(start: Floats, here: Point, point: Point) -> bool:
+    """Whether a shape is `_ROUGH` of its change away from where the branch was heading."""
+    change = np.abs(point.displacement - here.displacement).max()
+    return bool(np.abs(point.displacement - start).max() > _ROUGH * change)
 
 
 def _turn(tracer: _Tracer, low: Point, high: Point) -> tuple[Point, Point]:
