@@ -417,6 +417,20 @@ def test_a_loss_of_ellipticity_is_bisected_past_shapes_of_other_branches() -> No
     assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
 
 
+def test_volume_leads_to_where_ellipticity_is_lost() -> None:
+    """The last level is elliptic, and from the shapes beyond neither pressure nor volume leads."""
+    warp = (0.0, 0.11607104, 0.13762779, 0.29366473, 0.00139597, 0.45348364, 0.15533492)
+    fill = (0.0, 0.07838758, 0.03097597, -0.52508241, -0.64311422, -0.96672651, -1.45814745)
+    fabric = Fabric(slack=(0.01178532161, -0.01852978875), curve=np.array([warp, fill]))
+    membrane = Membrane(disc(100.0, 3), 0.81, angle=np.radians(-12.592068145), fabric=fabric)
+    stiffness = orthotropic_stiffness(25.8254875943, 87.5958197589, 21.4668382736, 0.24271655794)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    below = trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached))
+    assert below.stable.all()
+
+
 def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     """One did from 1.78 to 1.80 bar, where the margin fell by two thirds, and the path went on."""
     heights = (-7.34093183, 6.93603176, 2.32165746, -1.23179184, -7.18763213)

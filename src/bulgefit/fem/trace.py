@@ -523,8 +523,6 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     except _StoppedError as stopped:
         if stopped.cause is not Cause.NOT_CONVERGED:
             raise
-        if tracer.elliptic and not tracer.is_elliptic(below.displacement):
-            raise _lost_at(tracer, last * (1.0 + _BRACKET), last) from stopped
         if not (below.wrinkled and (_creep(tracer, step) or _draw_taut(tracer, end))):
             raise
     return (tracer.levels[-1].s - last) / step
@@ -610,6 +608,9 @@ def _go_by_volume(tracer: _Tracer, beyond: float, failure: NewtonError) -> None:
             except NewtonError as error:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
+    if tracer.elliptic and not tracer.is_elliptic(points[-1].displacement):
+        reached = float(np.cbrt(points[-1].pressure))
+        raise _lost_at(tracer, reached * (1.0 + _BRACKET), reached)
     raise _given_up(tracer, failure, last.s)
 
 
