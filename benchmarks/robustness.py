@@ -9,8 +9,7 @@ own: equilibria by their residual and by the balance of work, U(p2) - U(p1) = âˆ
 answers by what they state: a limit pressure by a path to just below it and by descent that finds no
 shape above; a loss of ellipticity by a stable path to just below it, and the
 shape at its pressure, where the acoustic tensor is not positive definite. Where a set mirrors in
-both axes, so must its stable shapes; those of half the sets without a clamp that slips come from a
-quarter of the mesh, which leaves them no choice.
+both axes, so must its stable shapes, where they do not come from a quarter of the mesh anyhow.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ from bulgefit.fem.trace import trace
 RANGE = (1e-4, 0.3)  # MPa
 THICKNESS = 0.81  # mm
 LAWS = ("hencky", "svk", "yarn")
-#: Cells along the radius of the mesh's middle; the default mesh has 4.
+#: `disc`'s refinement, its cells along the middle; the default mesh has 4.
 MESHES = (2, 3, 4)
 #: mm: what balanced shapes may differ by from their mirror images. Corrections are below 1e-9 mm
 #: and cloth may be a thousand times as loose across its folds as along them.
@@ -93,7 +92,8 @@ class Case:
 def draw(seed: int, number: int) -> Case:
     """A set; a third each have slack, an initial shape, a slip, turned axes, a law of curves.
 
-    Logarithms of slopes walk from one knot to the next, by 0.4 within 2 % of strain.
+    Half of the initial shapes are paraboloids. Logarithms of a curve's slopes walk from one knot to
+    the next, by 0.4 within 2 % of strain.
     """
     rng = np.random.default_rng((seed, number))
     e1, e2 = np.exp(rng.uniform(np.log(20.0), np.log(5000.0), 2))
@@ -305,8 +305,12 @@ def table(found: list[dict[str, Any]]) -> list[str]:
 
 def traced(seed: int, numbers: list[int], workers: int, log: File | None) -> list[dict[str, Any]]:
     """The lines of these sets, from the log or traced now."""
-    known = [] if log is None or not log.exists() else log.read_text().splitlines()
-    found = {one["set"]: one for one in map(json.loads, known)}
+    found = {}
+    if log is not None and log.exists():
+        # a run that was killed may have left a part of a line
+        whole, _, _ = log.read_text().rpartition("\n")
+        log.write_text(whole + "\n" if whole else "")
+        found = {one["set"]: one for one in map(json.loads, whole.splitlines())}
     left = [number for number in numbers if number not in found]
     with get_context("spawn").Pool(workers) as pool:
         for one in pool.imap_unordered(partial(line, seed), left):

@@ -642,15 +642,14 @@ def _at_volume(tracer: _Tracer, points: list[Point], volume: float) -> Point:
     here = points[-1]
     start = _ahead(points, volume)
     point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
-    turned = tracer.elliptic and len(points) > 1 and _turns(start, here, point)
-    if turned and not tracer.is_elliptic(here.displacement):
-        raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
-    if point.stable and point.pressure < here.pressure:
+    departs = tracer.elliptic and len(points) > 1 and _departs(start, here, point)
+    banded = departs and not tracer.is_elliptic(here.displacement)
+    if banded or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
     return point
 
 
-def _turns(start: Floats, here: Point, point: Point) -> bool:
+def _departs(start: Floats, here: Point, point: Point) -> bool:
     """Whether a shape is `_ROUGH` of its change away from where the branch was heading."""
     change = np.abs(point.displacement - here.displacement).max()
     return bool(np.abs(point.displacement - start).max() > _ROUGH * change)
