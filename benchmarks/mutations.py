@@ -241,6 +241,8 @@ MUTANTS = (
         "fem/test_path.py",
     ),
     Mutant("fem/trace.py", "departs and not tracer", "departs and tracer", "fem/test_path.py"),
+    Mutant("fem/trace.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"),
+    Mutant("fem/equilibrium.py", "2.0 * np.maximum(-m", "np.maximum(-m", "fem/test_path.py"),
     Mutant("fem/membrane.py", ".sum()) / 3.0", ".sum()) / 2.0", "fem/test_path.py"),
     Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),
     Mutant(

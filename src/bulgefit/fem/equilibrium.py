@@ -114,6 +114,8 @@ def flat_guess(membrane: Membrane, pressure: float, stiffness: Floats) -> Floats
         height = min(height, pressure * a**2 / (4.0 * tension))
     guess = np.zeros_like(membrane.reference)
     guess[:, 2] = height * (1 - (membrane.mesh.nodes**2).sum(axis=1) / a**2)
+    # cloth that hangs below its clamp turns up first
+    guess[:, 2] += 2.0 * np.maximum(-membrane.reference[:, 2], 0.0)
     guess[membrane.fixed] = 0.0
     return guess
 
@@ -291,7 +293,10 @@ class _Search:
             return last, replace(state, tangent=None), np.zeros_like(step)
         slope = float(state.residual @ step)
         fraction = 1.0
-        for _ in range(6 if self.follow else 25):
+        # between all but collapsed cells a search takes steps in the last digits, and goes nowhere
+        lost = size <= 10.0 * np.finfo(float).eps * self.membrane.radius
+        stuck = lost and self.shift > 0.0 and self._pushes(state)
+        for _ in range(0 if stuck else 6 if self.follow else 25):
             trial = displacement + self.membrane.spread(fraction * step)
             new = self.look(trial)
             if np.isfinite(new.potential):
@@ -329,12 +334,16 @@ class _Search:
         return None
 
     def _jumps(self, state: State) -> bool:
-        """Whether wrinkles that come and go, and not rounding, keep corrections from shrinking.
+        """Whether wrinkles that come and go, and not rounding, keep corrections from shrinking."""
+        return state.wrinkled > 0 and self._pushes(state)
 
-        Rounding leaves less out of balance than the least correction that counts would.
+    def _pushes(self, state: State) -> bool:
+        """Whether more is out of balance than the least correction that counts would take.
+
+        Rounding leaves less.
         """
         force = CORRECTION * self._unit * float(self.stiffness[:2].max()) * self.membrane.thickness
-        return state.wrinkled > 0 and _norm(state) > force
+        return _norm(state) > force
 
     def within_reach(self, step: float) -> float:
         """Correction (mm) after a step of this size that `CORRECTIONS` more would make vanish.

@@ -202,6 +202,14 @@ class _Tracer:
                 levels.insert(0, level)
         return self._blend(levels, s, _PREDICTOR_LEVELS)
 
+    def lower(self, shape: Floats, s: float) -> Floats:
+        """A shape, or that of the newest level where its potential is less: descent is shorter."""
+        shapes = (shape, self.levels[-1].displacement)
+        potentials = [
+            self.membrane.state(x, s**3, self.stiffness, tangent=False).potential for x in shapes
+        ]
+        return shapes[int(potentials[1] < potentials[0] or not np.isfinite(potentials[0]))]
+
     def interpolate(self, s: float) -> Floats:
         """The dense output between the levels."""
         return self._blend(self.levels, s, STENCIL)
@@ -510,8 +518,9 @@ def _advance(tracer: _Tracer, step: float, end: float) -> float:
     # where the last steps failed the next are likely to
     for share, follow in attempts[-1:] if tracer.by_volume else attempts:
         s = last + share * step
+        start = tracer.predict(s)
         try:
-            tracer.solve(s, tracer.predict(s), follow=follow)
+            tracer.solve(s, start if follow else tracer.lower(start, s), follow=follow)
             tracer.by_volume = False
             return share
         except NewtonError as error:
