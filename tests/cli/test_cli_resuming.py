@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,9 @@ def test_what_is_done_is_not_done_again(
     words = [*COMMANDS["crossval"], *SEARCH, "--json", "out.json"]
     interrupt(3)
     assert run(*words) == 130
+    for thread in threading.enumerate():  # a Ctrl-C does not wait for a descent that is begun
+        if thread.name.startswith("ThreadPoolExecutor"):
+            thread.join()
     begun = []
     descend = multistart.descend
     monkeypatch.setattr(multistart, "descend", lambda *a: begun.append(a) or descend(*a))
