@@ -16,6 +16,7 @@ from bulgefit.fem.geometry import SHAPE
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import linear_interpolation_bound
+from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
 from bulgefit.fem.volume_control import Point, at_volume
 
@@ -527,6 +528,36 @@ def test_a_descent_starts_from_the_lower_of_two_shapes() -> None:
     path = trace(membrane, stiffness)
     assert path.stable.all()
     assert path.factorisations < 600
+
+
+def test_a_tangent_that_is_nothing_along_a_fold_ends_a_search() -> None:
+    """Slack cloth that lies flat bears nothing: a pivot of its tangent is exactly zero."""
+    membrane = Membrane(disc(100.0, 1), 0.81, fabric=Fabric(slack=(0.01, 0.01)))
+    stiffness, flat = orthotropic_stiffness(300.0, 220.0, 30.0, 0.24), 0.0 * membrane.reference
+    with pytest.raises(NewtonError, match="the tangent is singular"):
+        solve(membrane, flat, 1e-9, stiffness, follow=True)
+    with pytest.raises(NewtonError, match="the tangent is singular"):
+        at_volume(membrane, stiffness, flat, 0.0, 1.0)
+
+
+def test_a_path_goes_round_a_tangent_that_is_nothing() -> None:
+    """A search from what two loose levels predict came to such a one, and the path crashed."""
+    warp = (
+        *(0.0, 0.011832548820980235, -0.12503925832233023, -0.28215529175618237),
+        *(-0.4457985439400607, -0.2710053863199571, -0.7900117285266206),
+    )
+    fill = (
+        *(0.0, 0.10564715126826836, 0.4614983912288819, 0.512699368568189),
+        *(0.6719247590182041, 0.012776268785963385, 0.13583594899282875),
+    )
+    membrane = _uneven(
+        (-9.880030830529956, 0.0, 0.0, 0.0, 0.0), "svk",
+        slack=(-0.00782696120724773, 0.015451625785920946), curve=np.array([warp, fill]),
+    )  # fmt: skip
+    stiffness = orthotropic_stiffness(
+        557.4493257134794, 70.54452534701738, 377.53277197495237, 0.27788769656681545
+    )
+    assert trace_by_quarter(membrane, stiffness).stable.all()
 
 
 def test_levels_stand_where_slack_cloth_draws_taut() -> None:

@@ -12,7 +12,6 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
-from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
@@ -328,18 +327,6 @@ def test_a_fabric_that_cannot_be_is_no_shape(data: Data) -> None:
     x[0] -= 10.0  # of ln E1
     with pytest.raises(SolveError, match="no such fabric"):
         weighing.linearise(x, layout.columns(layout.whole((Owned("clamp_slip"),))))
-
-
-def test_a_tangent_that_cannot_be_solved_is_no_shape(
-    data: Data, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: object) -> None:
-        raise NotPositiveDefiniteError("zero pivot 1")
-
-    weighing, layout = weighing_of([data])
-    monkeypatch.setattr(data.specimen, "shapes", fails)
-    with pytest.raises(SolveError, match="zero pivot 1"):
-        weighing.linearise(layout.null, np.arange(3))
 
 
 def test_thinned_points_count_for_as_many(data: Data) -> None:

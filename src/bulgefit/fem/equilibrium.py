@@ -187,7 +187,7 @@ def solve(
             polished = search.polish(displacement, state, factor, correction, step)
             if polished is not None:
                 if exact:
-                    factor, stable = search.own_factor(polished)
+                    factor, stable = search.own_factor(polished, iteration)
                 return Equilibrium(
                     pressure, polished, factor, exact, search.slope, search.slope_change,
                     search.work, state.wrinkled, stable, search.leapt,
@@ -251,7 +251,7 @@ class _Search:
                 return linear.factorise(tangent, self.shift, spent=True), self.shift == 0.0
             except NotPositiveDefiniteError:
                 if self.follow:
-                    return self._indefinite_factor(displacement), False
+                    return self._indefinite_factor(displacement, iteration), False
                 # the attempt has used it up
                 tangent = self._tangent(displacement)
                 self.leapt = True
@@ -260,17 +260,25 @@ class _Search:
             "the tangent is not positive definite", iteration, _norm(state), self.work
         )
 
-    def own_factor(self, balanced: Floats) -> tuple[Factor, bool]:
+    def own_factor(self, balanced: Floats, iteration: int) -> tuple[Factor, bool]:
         """Factor of the tangent at a balanced shape as it is; whether it is positive definite."""
         self.work += 1
         try:
             return self.membrane.linear.factorise(self._tangent(balanced), spent=True), True
         except NotPositiveDefiniteError:
-            return self._indefinite_factor(balanced), False
+            return self._indefinite_factor(balanced, iteration), False
 
-    def _indefinite_factor(self, displacement: Floats) -> Factor:
+    def _indefinite_factor(self, displacement: Floats, iteration: int) -> Factor:
+        """Factor of a tangent that is not positive definite; slack cloth may have none at all."""
         self.work += 1
-        return self.membrane.linear.factorise_indefinite(self._tangent(displacement))
+        state = self.membrane.state(displacement, self.pressure, self.stiffness)
+        assert state.tangent is not None
+        try:
+            return self.membrane.linear.factorise_indefinite(state.tangent)
+        except NotPositiveDefiniteError as error:
+            raise NewtonError(
+                f"the tangent is singular ({error})", iteration, _norm(state), self.work
+            ) from error
 
     def _tangent(self, displacement: Floats) -> Floats:
         tangent = self.membrane.state(displacement, self.pressure, self.stiffness).tangent

@@ -87,7 +87,13 @@ class LinearSolver(Protocol):
         ...
 
     def factorise_indefinite(self, data: Floats) -> Factor:
-        """Factor of a tangent that need not be positive definite, with pivoting."""
+        """Factor of a tangent that need not be positive definite, with pivoting.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            The tangent is singular to the last digit: a pivot is nothing.
+        """
         ...
 
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import CORRECTION, NewtonError
-from bulgefit.fem.linear import NotPositiveDefiniteError
-from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
+from bulgefit.fem.membrane import Membrane, State
 
 __all__ = ["Point", "at_volume", "highest_pressure"]
 
@@ -73,9 +73,12 @@ def at_volume(
         if state.tangent is None or not np.isfinite(state.potential):
             raise NewtonError("a cell has collapsed", iteration, np.inf, iteration, Cause.COLLAPSED)
         try:
-            factor, stable = membrane.factorise(state), True
-        except NotPositiveDefiniteError:
-            factor, stable = membrane.linear.factorise_indefinite(state.tangent), False
+            factor, stable = _factor(membrane, state)
+        except NotPositiveDefiniteError as error:
+            residual = float(np.abs(state.residual).max())
+            raise NewtonError(
+                f"the tangent is singular ({error})", iteration, residual, iteration
+            ) from error
         force = membrane.pressure_force(displacement)
         back, ahead = factor.solve(np.array([state.residual, force]).T).T
         growth = float(force @ ahead)
@@ -93,6 +96,21 @@ def at_volume(
         before = size
     residual = float(np.abs(state.residual).max())
     raise NewtonError("no convergence at a given volume", iteration, residual, iteration)
+
+
+def _factor(membrane: Membrane, state: State) -> tuple[Factor, bool]:
+    """Factor of a tangent, and whether it is positive definite.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        It is singular: there is no factor.
+    """
+    try:
+        return membrane.factorise(state), True
+    except NotPositiveDefiniteError:
+        assert state.tangent is not None
+        return membrane.linear.factorise_indefinite(state.tangent), False
 
 
 def highest_pressure(

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
-from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.creases import Creases
@@ -186,9 +185,6 @@ class Weighing:
         try:
             shapes = _balanced(specimen, values, names, near)
             found = specimen.sight(shapes, names)
-        except NotPositiveDefiniteError as error:
-            # moduli so far off that a tangent is nothing to the last digit
-            raise _no_shape(f"the tangent cannot be solved ({error})", values) from error
         except InputError as error:
             # nobody gave these values: a linear step led to moduli that no fabric can have
             raise _no_shape(f"there is no such fabric ({error})", values) from error
