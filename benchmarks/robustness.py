@@ -245,7 +245,7 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
 def _lost_by_volume(
     membrane: Membrane, stiffness: np.ndarray, shape: np.ndarray, pressure: float
 ) -> bool:
-    """Whether a shape that is blown up loses ellipticity within 0.1 % of a pressure.
+    """Whether a shape that is blown up turns unstable and not elliptic within 0.1 % of a pressure.
 
     Where bands make a limit pressure, nothing balances above it; more volume leads past it.
     """
@@ -254,7 +254,7 @@ def _lost_by_volume(
         for volume in first * 1.004 ** np.arange(1, 26):
             point = at_volume(membrane, stiffness, shape, p, float(volume))
             shape, p = point.displacement, point.pressure
-            if membrane.acoustic_margin(shape, stiffness) < 0.0:
+            if not point.stable and membrane.acoustic_margin(shape, stiffness) < 0.0:
                 return abs(p - pressure) <= 1e-3 * pressure
     return False
 
