@@ -17,11 +17,14 @@ from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap import apart
+from bulgefit.gap import explain as explain_module
 from bulgefit.gap.caveats import left_of_the_mesh, left_out
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.keys import at_edge, specimen_values
+from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.specimen import Specimen
+from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.parallel.journal import journaled
 from bulgefit.parallel.workers import open_executor
@@ -64,14 +67,29 @@ def test_a_clean_test_has_no_cause() -> None:
     found = diagnose(
         made({}), effects=CANDIDATES, left=lambda least, most: told.append((least, most))
     )
-    # everything, its parts, all points, each part, and the rest: nothing asks for fields
-    assert len(told) == 5
+    # everything, its parts, units anew, all points, each part, the rest: nothing asks for fields
+    assert len(told) == 6
     assert told[-1][1] < 0.2 * found.seconds
     assert found.verdict == "none"
     assert not found.causes
     for name, truth in MODULI.items():
         value = found.to_dict()["parameters"]["corrected"][name]
         assert abs(value["value"] - truth) < 4 * value["stderr"]
+
+
+def test_units_are_fixed_anew_where_the_search_comes_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mesh's error is that of the moduli, which are per cents off with everything freed."""
+    fixed = list[dict[str, float]]()
+    true = explain_module.fix_units
+
+    def spied(prepared: Prepared, shapes: Shapes) -> None:
+        fixed.append(dict(shapes.values))
+        true(prepared, shapes)
+
+    monkeypatch.setattr(explain_module, "fix_units", spied)
+    diagnose(made({"clamp_slip.compliance": 0.02}), effects=CANDIDATES)
+    first, last = ([abs(v[n] / MODULI[n] - 1.0) for n in ("E1", "E2")] for v in fixed)
+    assert max(last) < 0.001 < max(first)
 
 
 def test_the_effect_is_named_with_its_size(offset: Diagnosis) -> None:

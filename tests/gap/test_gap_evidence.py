@@ -955,3 +955,30 @@ def test_drops_go_round() -> None:
     assert search.best.model == freeze(dict.fromkeys("abc", 0))
     whole = ["bcdef", "acdef", "abdef", "abcef", "abcf", "abc", "bc", "ac", "ab"]
     assert tried == [" + ".join(names) for names in whole]
+
+
+def test_forms_are_ordered_by_what_they_contain():
+    """Two forms of which neither contains the other, and one that contains both."""
+    g = group("a", [1.0] * 3, forms=((0,), (1,), (0, 1), (2,), (0, 1, 2)))
+    assert [g.below(form) for form in range(5)] == [[], [], [0, 1], [], [2, 3]]
+    assert g.above(None) == [0, 1, 2, 3, 4]
+    assert [g.above(form) for form in range(5)] == [[2, 4], [2, 4], [4], [4], []]
+
+
+def test_a_form_gives_way_to_either_of_its_parts():
+    """Of two halves the first has no say: the search ends at the second, from wherever it began."""
+    rng = np.random.default_rng(12)
+    rows = rng.normal(size=(60, 5))
+    measured = rows @ [1.0, 0.0, 0.0, 2.0, 2.0] + rng.normal(size=60)
+    groups = [
+        group("m", [5.0], always=True),
+        group("a", [5.0] * 4, forms=((0, 1), (2, 3), (0, 1, 2, 3))),
+    ]
+    problem = linear(groups, rows, measured)
+    layout = Layout.of(problem.groups)
+    for form in (0, 2):
+        search = Search(problem, layout, ("a",))
+        begun = search.fit(freeze({"a": form}), layout.null)
+        assert dict(search.improved(begun).model) == {"a": 1}
+        drops = {dict(m).get("a") for m in search._smaller(freeze({"a": 2}))}
+        assert drops == {None, 0, 1}

@@ -17,6 +17,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.law_table import LawTable, law_table
+from bulgefit.gap.level import Level
 
 MODULI = {"E1": 500.0, "E2": 210.0, "G12": 20.0}
 #: The warp starts stiff, softens and stiffens again; the fill starts soft.
@@ -43,7 +44,7 @@ def fitted(data: Data, effect: str) -> tuple[Fit, LawTable]:
     weighing = Weighing([data], coordinates)
     form = len(layout.groups[Owned(effect)].shapes) - 1
     fit = descend(weighing, layout, freeze({Owned(effect): form}), start)
-    return fit, law_table([data], regression_of(weighing, fit))
+    return fit, law_table([data], regression_of(weighing, fit), Level())
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.implied_reference import implied_references
 from bulgefit.gap.law_table import SECANTS, LawTable, law_table
+from bulgefit.gap.level import Level
 from bulgefit.gap.regress import Regression, regress
 
 TRUTH = {
@@ -44,7 +45,7 @@ def fit(seen) -> Regression:
 
 @pytest.fixture(scope="module")
 def table(seen, fit) -> LawTable:
-    return law_table([seen], fit)
+    return law_table([seen], fit, Level())
 
 
 def test_the_law_is_told_and_so_are_its_errors(table: LawTable, fit: Regression) -> None:

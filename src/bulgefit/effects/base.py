@@ -41,8 +41,8 @@ class Effect:
         What a lab can do about it, in a line.
     parameters : tuple of Parameter
     forms : tuple of tuple of str
-        Names of the parameters of each form that it may take, the most flexible last; default:
-        all parameters.
+        Names of the parameters of each form that it may take; the last contains all others.
+        Default: all parameters.
     shared : bool
         True for what belongs to the cloth: its specimens share it.
     of_rig : bool

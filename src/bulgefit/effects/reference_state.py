@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
-from bulgefit.effects.base import Effect, Own, several, stages
+from bulgefit.effects.base import Effect, Own, several
 from bulgefit.effects.further import Further, Told
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Scene
@@ -20,19 +20,20 @@ _BAR = 0.1
 #: Size (mm) of the widest crease, a wave of second degree, and of what tilts and shifts.
 _WIDEST = 0.5
 #: Degrees (i, j) of the modes P_i(x/a) P_j(y/a), Legendre's polynomials, up to the fifth in all.
-MODES = tuple((n - j, j) for n in range(6) for j in range(n + 1))
-# by degree, so that a form is a full polynomial in all three components
-_OF_DEGREE = tuple(
-    tuple(f"{axis}{i}{j}" for axis in "xyz" for i, j in MODES if i + j == n) for n in range(6)
-)
-_NAMES = tuple(name for names in _OF_DEGREE for name in names)
+_HIGHEST = 5
+MODES = tuple((n - j, j) for n in range(_HIGHEST + 1) for j in range(n + 1))
 _AXIS_MAJOR = tuple(f"{axis}{i}{j}" for axis in "xyz" for i, j in MODES)
 
 
-def _modes(names: tuple[str, ...], degree: int) -> tuple[Parameter, ...]:
+def _names(axes: str, *degrees: int) -> tuple[str, ...]:
+    """Of the modes of these degrees in some components."""
+    return tuple(f"{axis}{i}{j}" for n in degrees for axis in axes for i, j in MODES if i + j == n)
+
+
+def _modes(degree: int) -> tuple[Parameter, ...]:
     """Parameters of one degree."""
     return several(
-        names,
+        _names("xyz", degree),
         "mm",
         10.0,
         prior=_WIDEST * (2.0 / max(degree, 2)) ** 2,
@@ -54,7 +55,7 @@ class ReferenceState(Effect):
     meaning = "the reference image shows the fabric already displaced"
     remedy = "take the reference image under a light pressure that makes the fabric smooth"
     parameters = (
-        *(p for degree, names in enumerate(_OF_DEGREE) for p in _modes(names, degree)),
+        *(p for degree in range(_HIGHEST + 1) for p in _modes(degree)),
         Parameter(
             "flattening",
             "bar",
@@ -66,7 +67,14 @@ class ReferenceState(Effect):
             start=0.02,
         ),
     )
-    forms = stages(_NAMES, 9, 18, 30, 45, 63)
+    # up to a degree out of the plane, and to no higher one in it, where a sheet that hangs moves by
+    # half the square of its slope alone: waves that are not there would cost more than what takes
+    # the place of those that are
+    forms = tuple(
+        _names("z", *range(out + 1)) + _names("xy", *range(within + 1))
+        for out in range(1, _HIGHEST + 1)
+        for within in range(1, out + 1)
+    )
     # a shape measured without pressure shows what the reference image already did, in mm
     told = (Told(Further.SHAPE, tuple(n for n in _AXIS_MAJOR if n.startswith("z")), 0.05),)
     order = 4

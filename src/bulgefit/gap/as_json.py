@@ -11,11 +11,12 @@ from bulgefit.effects.registry import acting, fields
 from bulgefit.gap.causes import Cause
 from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.gap.explanation import Explanation, FoundField, Step
+from bulgefit.gap.level import Level
 from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import Gap
 from bulgefit.gap.residual.structure import Cell
-from bulgefit.gap.scatter import Scatter, modulus_errors, of_the_cloth
+from bulgefit.gap.scatter import Scatter, of_the_cloth
 
 __all__ = [
     "cells_dict",
@@ -58,13 +59,14 @@ def cells_dict(cells: Sequence[Cell], most: int) -> list[dict[str, Any]]:
     return [c.to_dict() for c in cells if abs(c.significance) > _TOLD][:most]
 
 
-def moduli_dict(fit: Regression, level: float = 1.0) -> dict[str, dict[str, Any]]:
+def moduli_dict(fit: Regression, level: Level | None = None) -> dict[str, dict[str, Any]]:
     """Of the cloth, where there are several specimens; times the level of a single one's fields."""
-    values, errors = of_the_cloth(fit.values), modulus_errors(fit)
+    level = level or Level()
+    values, errors = of_the_cloth(fit.values), level.errors(fit)
     return {
         m.name: {
-            "value": level * float(values[m]),
-            "stderr": level * float(errors[m]),
+            "value": level.value * float(values[m]),
+            "stderr": float(errors[m]),
             "unit": "MPa",
             "held": fit.held and m == SHEAR,
         }

@@ -167,7 +167,7 @@ def diagnose(
         modes=azimuthal_modes(data, baseline),
         pairs=pairs,
         advice=advice,
-        law=law_table(data, found.final).times(found.level),
+        law=law_table(data, found.final, found.level),
         scatter=scatter_of(found.final),
         implied=implied_references(data, found.final),
         skipped=skipped,

@@ -33,6 +33,7 @@ from bulgefit.gap.evidence.ways import Ways
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
+from bulgefit.gap.level import Level
 from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.gap.regress import Regression, regress
@@ -235,17 +236,15 @@ def _searched(
     points, or the better one gone through again by what its largest model leaves. Also what -2 ln Z
     falls by with offsets.
 
-    Units that were fixed by a fit that missed are fixed anew, by everything and by what is left of
-    it: with all fields free the shape is off by more than the errors of what is then taken out.
+    Units are fixed anew by what that comes to, before it is looked around in closely: with
+    everything free the shape is off by more than the errors of what is then taken out. Where a fit
+    missed that is done twice, by everything and by what is left of it.
     """
     found, worth, enough = _begun(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
-    if enough:
-        found.finish()
-        return found.search, worth
     pace.begins(Stage.UNITS)
-    for settle in (_Trial.thinned, _Trial.settled):
+    for settle in (_Trial.finished,) if enough else (_Trial.thinned, _Trial.settled):
         say("units anew")
         for index, p in enumerate(prepared):
             fix_units(p, found.search.best.here.near[index])
@@ -361,7 +360,7 @@ class _Trial:
         search = replace(search, share=0.0)
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
-    def finish(self) -> None:
+    def finished(self) -> _Trial:
         """What else may be, where nothing is left: fewer effects, or a field in their place.
 
         A group or two that stand for fewer are dropped or swapped by one change, which was tried.
@@ -371,6 +370,7 @@ class _Trial:
         self.search.improved(self.search.best)
         self.ways.from_fields()
         self.search.closely()
+        return self
 
     def anew(self, data: Sequence[Data]) -> _Trial:
         """The best model alone, by data in other units."""
@@ -482,12 +482,11 @@ def _field(
 ) -> FoundField:
     specimen = data[group.specimen or 0].specimen
     part = layout.part(group)
-    own = {
-        coordinates.every[c].key.parameter: float(fit.x[c]) for c in range(part.start, part.stop)
-    }
+    values = {coordinates.every[c].key: float(fit.x[c]) for c in range(part.start, part.stop)}
+    own = {key.parameter: value for key, value in values.items()}
     kind = fields()[group.effect]
     sampled = kind.sampled(own, specimen.test.radius, specimen.recorded)
-    return FoundField(group, sampled, kind.level(own))
+    return FoundField(group, sampled, Level.of(kind, values))
 
 
 def _known(search: Search[Weighing]) -> Known:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.gap.evidence.probability import SURE
+from bulgefit.gap.level import Level
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.structure import Structure
 
@@ -52,13 +53,12 @@ class FoundField:
     ----------
     group : Owned
     sampled : Sampled
-    level : float
-        What it multiplies the cloth's moduli by in most places.
+    level : Level
     """
 
     group: Owned
     sampled: Sampled
-    level: float = 1.0
+    level: Level = field(default_factory=Level)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +118,9 @@ class Explanation:
     temper: float
 
     @property
-    def level(self) -> float:
+    def level(self) -> Level:
         """What a test's own fields multiply the moduli by in most places; 1 for several tests."""
-        return float(np.prod([f.level for f in self.fields if f.group.specimen is None]))
+        return Level.of_all([f.level for f in self.fields if f.group.specimen is None])
 
     @property
     def complete(self) -> bool:

@@ -8,7 +8,7 @@ freed, so they hold what shape, slack and motions leave open.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from bulgefit.fem.laws import LAWS
 from bulgefit.fem.uniaxial import uniaxial
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import specimen_values
+from bulgefit.gap.level import Level
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.scatter import AXES, of_the_cloth
 from bulgefit.model.description import active_effects, cloth_law, describe
@@ -62,10 +63,6 @@ class LawTable:
     thickness: float
     bent: bool
 
-    def times(self, level: float) -> LawTable:
-        """Of a cloth that is so much stiffer."""
-        return replace(self, resultant=level * self.resultant, stderr=level * self.stderr)
-
     def to_dict(self) -> dict[str, Any]:
         """As JSON types."""
         return {
@@ -96,7 +93,7 @@ class LawTable:
         }
 
 
-def law_table(data: Sequence[Data], final: Regression) -> LawTable:
+def law_table(data: Sequence[Data], final: Regression, level: Level) -> LawTable:
     """The law of a fitted model's cloth.
 
     Parameters
@@ -104,6 +101,8 @@ def law_table(data: Sequence[Data], final: Regression) -> LawTable:
     data : sequence of Data
         Specimens of the cloth; the thickness, law and Poisson's ratio are the first one's.
     final : Regression
+    level : Level
+        What the law's moduli are multiplied by in most places.
     """
     reached = _reached(data, final.predictions)
     steps = np.arange(1, int(reached.max() / _SPACING) + 1)
@@ -111,23 +110,26 @@ def law_table(data: Sequence[Data], final: Regression) -> LawTable:
     specimen = data[0].specimen
 
     def told(values: Mapping[Key, float]) -> Floats:
-        return _resultants(data[0], of_the_cloth(values), strain)
+        return level.value * _resultants(data[0], of_the_cloth(values), strain)
 
     errors = final.standard_errors()
     keys = [k for k in final.columns if _is_of_cloth(k)]
-    rows = np.empty((len(keys), 2, len(strain)))
-    for row, key in zip(rows, keys, strict=True):
+    rows = np.empty((len(keys) + len(level.slopes), 2, len(strain)))
+    for row, key in zip(rows[: len(keys)], keys, strict=True):
         at = final.values[key]
         step = max(_STEP * errors[key], _LEAST_STEP * abs(at))
         ends = [told({**final.values, key: at + sign * step}) for sign in (1.0, -1.0)]
         row[...] = (ends[0] - ends[1]) / (2.0 * step)
-    place = [final.columns.index(k) for k in keys]
+    resultant = told(final.values)
+    rows[len(keys) :] = np.multiply.outer(list(level.slopes.values()), resultant)
+    place = [final.columns.index(k) for k in (*keys, *level.slopes)]
     covariance = final.covariance()[np.ix_(place, place)]
     variance = np.einsum("iak,ij,jak->ak", rows, covariance, rows)
+    variance += (level.error * resultant) ** 2
     _, fabric = cloth_law(_with_ratio(data[0], of_the_cloth(final.values)), specimen.nulls())
     return LawTable(
         strain,
-        told(final.values),
+        resultant,
         np.sqrt(variance),
         reached,
         float(specimen.test.thickness),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own
 
-__all__ = ["Field", "Sampled"]
+__all__ = ["Field", "Level", "Sampled"]
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +41,24 @@ class Sampled:
         """The value that is furthest from zero, and where it is."""
         at = int(np.argmax(np.abs(self.values)))
         return float(self.values[at]), {k: float(v[at]) for k, v in self.where.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """What a field multiplies the cloth's moduli by in most places.
+
+    Attributes
+    ----------
+    value : float
+    slopes : mapping of parameter to float
+        Derivatives of its logarithm.
+    error : float
+        Standard error of its logarithm since a specimen is one piece of the cloth.
+    """
+
+    value: float = 1.0
+    slopes: Mapping[str, float] = field(default_factory=dict)
+    error: float = 0.0
 
 
 class Field(Effect):
@@ -74,6 +93,6 @@ class Field(Effect):
         """
         raise NotImplementedError
 
-    def level(self, own: Own) -> float:
+    def level(self, own: Own) -> Level:
         """What it multiplies the cloth's moduli by in most places: told with them, not with it."""
-        return 1.0
+        return Level()

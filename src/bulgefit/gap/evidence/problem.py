@@ -43,7 +43,8 @@ class Group:
     lower : (k,) array
         Below it a coordinate has no meaning (a slip, a squared window); -inf where it has.
     forms : tuple of tuple of int
-        Coordinates of each form that the group may take, the largest last. Default: all of them.
+        Coordinates of each form that the group may take; the last contains all others. Default: all
+        coordinates.
     always : bool
         In every model, as the moduli are.
     governor : tuple of int
@@ -68,6 +69,18 @@ class Group:
     def shapes(self) -> tuple[tuple[int, ...], ...]:
         """The forms, also where none were named."""
         return self.forms or (tuple(range(len(self.null))),)
+
+    def below(self, form: int) -> list[int]:
+        """The largest forms that a form contains: those that no other one stands between."""
+        parts = [set(shape) for shape in self.shapes]
+        inside = [k for k, part in enumerate(parts) if part < parts[form]]
+        return [k for k in inside if not any(parts[k] < parts[other] for other in inside)]
+
+    def above(self, form: int | None) -> list[int]:
+        """Every form that contains one; all of them where there is none."""
+        parts = [set(shape) for shape in self.shapes]
+        own = set() if form is None else parts[form]
+        return [k for k, part in enumerate(parts) if part > own]
 
 
 @dataclass(frozen=True, eq=False)

@@ -432,24 +432,33 @@ class Search(Generic[Kind]):
         return lambda other: found.score(layout.columns(other)) + layout.believed(other)
 
     def _smaller(self, model: Model) -> Iterator[Model]:
-        """One group less, or one in its next smaller form."""
+        """One group less, or one in a next smaller form."""
         forms = dict(sorted(model))  # as in every process, whatever its hashes are
         for name, form in forms.items():
-            rest = {k: f for k, f in forms.items() if k != name}
-            yield freeze(rest)
-            if form > 0:
-                yield freeze({**rest, name: form - 1})
+            yield freeze({k: f for k, f in forms.items() if k != name})
+            for less in self.layout.groups[name].below(form):
+                yield freeze({**forms, name: less})
 
     def _larger(self, model: Model) -> Iterator[Model]:
         """One group more, in any form, or one in a larger form."""
         forms = dict(model)
         for name in self.names:
-            for form in range(forms.get(name, -1) + 1, len(self.layout.groups[name].shapes)):
+            for form in self.layout.groups[name].above(forms.get(name)):
                 yield freeze({**forms, name: form})
 
+    def _otherwise(self, model: Model) -> Iterator[Model]:
+        """One group in any other form."""
+        forms = dict(sorted(model))
+        for name, form in forms.items():
+            for other in range(len(self.layout.groups[name].shapes)):
+                if other != form:
+                    yield freeze({**forms, name: other})
+
     def _neighbours(self, model: Model) -> Iterable[Model]:
-        """Every model one drop, growth, addition or swap away."""
-        found = dict.fromkeys([*self._smaller(model), *self._larger(model)])
+        """Every model one drop, growth, addition, swap or change of a form away."""
+        found = dict.fromkeys(
+            [*self._smaller(model), *self._larger(model), *self._otherwise(model)]
+        )
         for smaller in self._smaller(model):
             gone = set(dict(model)) - set(dict(smaller))
             found.update(dict.fromkeys(m for m in self._larger(smaller) if not gone & set(dict(m))))
