@@ -69,7 +69,7 @@ def with_columns(membrane: Membrane, count: int) -> np.ndarray:
             lambda shape, _: sector_forces(membrane, count, shape),
         )  # fmt: skip
 
-    with patch("bulgefit.fem.trace.stiffness_sensitivity", columns):
+    with patch("bulgefit.fem.tracing.levels.stiffness_sensitivity", columns):
         path = trace(membrane, STIFFNESS, sensitivities=True)
     return gradient(path, path(LEVELS))
 

@@ -235,13 +235,20 @@ MUTANTS = (
     Mutant("fem/membrane.py", "(0.5 * _SPENT * left", "(_SPENT * left", "fem/test_uniaxial.py"),
     Mutant("fem/relaxation.py", "held * n2 * n2", "held * n1 * n1", CONSISTENCY),
     Mutant(
-        "fem/trace.py",
+        "fem/tracing/levels.py",
         "self.elliptic and balance.leapt and not",
         "self.elliptic and balance.leapt and",
         "fem/test_path.py",
     ),
-    Mutant("fem/trace.py", "departs and not tracer", "departs and tracer", "fem/test_path.py"),
-    Mutant("fem/trace.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "departs and not tracer",
+        "departs and tracer",
+        "fem/test_path.py",
+    ),
+    Mutant(
+        "fem/tracing/levels.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"
+    ),
     Mutant("fem/equilibrium.py", "2.0 * np.maximum(-m", "np.maximum(-m", "fem/test_path.py"),
     Mutant("fem/membrane.py", ".sum()) / 3.0", ".sum()) / 2.0", "fem/test_path.py"),
     Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),

@@ -158,8 +158,8 @@ def test_a_limit_pressure_is_found_however_far_a_step_goes_beyond_it(
     """Also where pressure is higher behind it, and the law is no longer elliptic."""
     soft = orthotropic_stiffness(3.0, 3.0, 3.0 / 2.6, 0.3)
     membrane = Membrane(disc(100.0, 1), 0.81)
-    monkeypatch.setattr("bulgefit.fem.trace._GROWTH", growth)
-    monkeypatch.setattr("bulgefit.fem.trace._MOST_GROWTH", 2.0)
+    monkeypatch.setattr("bulgefit.fem.tracing.by_volume._GROWTH", growth)
+    monkeypatch.setattr("bulgefit.fem.tracing.by_volume._MOST_GROWTH", 2.0)
     with pytest.raises(SolveError) as caught:
         trace(membrane, soft, (0.0115, 0.3))
     assert caught.value.cause is Cause.LIMIT_PRESSURE
@@ -226,8 +226,8 @@ def test_where_no_step_leads_on_the_law_may_tell_why(
     def nowhere(*args: Any) -> Point:
         raise NewtonError("no convergence at a given volume", 1, 1.0, 1)
 
-    monkeypatch.setattr("bulgefit.fem.trace.solve", singular)
-    monkeypatch.setattr("bulgefit.fem.trace.at_volume", nowhere)
+    monkeypatch.setattr("bulgefit.fem.tracing.levels.solve", singular)
+    monkeypatch.setattr("bulgefit.fem.tracing.by_volume.at_volume", nowhere)
     with pytest.raises(SolveError) as caught:
         trace(membrane, stiffness, (1e-4, 0.29))
     assert caught.value.cause is cause
@@ -252,7 +252,7 @@ def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.Monkey
             strays.append(point)
         return point
 
-    monkeypatch.setattr("bulgefit.fem.trace.at_volume", astray)
+    monkeypatch.setattr("bulgefit.fem.tracing.by_volume.at_volume", astray)
     path = trace(membrane, stiffness)
     assert strays
     assert strays[0].stable

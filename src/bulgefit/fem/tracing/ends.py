@@ -1,0 +1,81 @@
+"""Why does a path end? A limit pressure, a loss of ellipticity, or no step that leads on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import Cause, SolveError
+from bulgefit.fem.equilibrium import NewtonError
+from bulgefit.fem.tracing.levels import Tracer
+
+__all__ = ["BRACKET", "StoppedError", "check_ellipticity", "given_up", "lost_at", "solve_error"]
+
+Floats = NDArray[np.float64]
+
+#: Accuracy of the pressure at which ellipticity is lost, relative in s.
+BRACKET = 1e-4
+
+
+class StoppedError(ArithmeticError):
+    """A path ends at s, for a cause; equilibrium was reached up to another s."""
+
+    def __init__(
+        self, reason: str, cause: Cause, s: float, reached: float, error: NewtonError
+    ) -> None:
+        super().__init__(reason)
+        self.reason, self.cause, self.s, self.reached, self.error = reason, cause, s, reached, error
+
+
+def lost_at(tracer: Tracer, s: float, reached: float) -> StoppedError:
+    return StoppedError(
+        Cause.LOSS_OF_ELLIPTICITY.value, Cause.LOSS_OF_ELLIPTICITY, s, reached, tracer.failure
+    )
+
+
+def given_up(tracer: Tracer, error: NewtonError, s: float) -> StoppedError:
+    return StoppedError(error.reason, error.cause, s, tracer.levels[-1].s, error)
+
+
+def solve_error(
+    tracer: Tracer, stopped: StoppedError, parameters: Mapping[str, float]
+) -> SolveError:
+    return SolveError(
+        f"no equilibrium: {stopped.reason}",
+        cause=stopped.cause,
+        pressure=float(stopped.s**3),
+        reached=float(stopped.reached**3),
+        iteration=stopped.error.iteration,
+        residual_norm=stopped.error.residual_norm,
+        parameters=parameters,
+    )
+
+
+def check_ellipticity(tracer: Tracer) -> None:
+    """Stop a path that is unstable because the law has lost ellipticity.
+
+    A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
+    is positive definite the shape is that of the mesh's least potential, and the path goes on.
+
+    Raises
+    ------
+    StoppedError
+        With the pressure at which the path is both unstable and not elliptic, by bisection.
+    """
+    levels = tracer.levels
+    if levels[-1].stable or tracer.is_elliptic(levels[-1].displacement):
+        return
+    sound = [level.stable or tracer.is_elliptic(level.displacement) for level in levels]
+    first = sound.index(False)
+    if first == 0:
+        raise lost_at(tracer, levels[0].s, 0.0)
+    low, high = levels[first - 1].s, levels[first].s
+    while high - low > BRACKET * high:
+        middle = 0.5 * (low + high)
+        if tracer.is_sound(middle):
+            low = middle
+        else:
+            high = middle
+    raise lost_at(tracer, high, low)

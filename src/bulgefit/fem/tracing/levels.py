@@ -1,0 +1,232 @@
+"""The solved levels of a path: predicted, balanced, and how far off the dense output is."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import Cause
+from bulgefit.fem.equilibrium import NewtonError, solve
+from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
+from bulgefit.fem.linear import Factor
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
+
+__all__ = ["ROUGH", "BandedError", "Level", "Tracer"]
+
+Floats = NDArray[np.float64]
+
+#: Levels whose Hermite polynomial predicts the next one.
+_PREDICTOR_LEVELS = 3
+#: Levels that predict the next are apart by at least this share of the step.
+_APART = 0.25
+#: Share of its size by which a level's slope may differ from a parabola's.
+ROUGH = 0.1
+
+
+@dataclass(eq=False)
+class Level:
+    """A solved level: what the path keeps of an equilibrium, and its factor for a while."""
+
+    s: float
+    displacement: Floats
+    slope: Floats
+    sensitivity: tuple[Floats, Floats] | None
+    wrinkled: int
+    stable: bool
+    factor: Factor | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """The dense output halfway between two levels through the levels `knots`, and its error."""
+
+    knots: tuple[float, ...]
+    shape: Floats
+    error: float
+
+
+class BandedError(NewtonError):
+    """Descent has come to a shape at which the law is not elliptic, past others that it left.
+
+    Bands of shear may lie in many ways there, and no path tells this one from the others.
+    """
+
+
+class Tracer:
+    """Solved levels in s = p^(1/3), and the work spent on them."""
+
+    def __init__(
+        self, membrane: Membrane, stiffness: Floats, sensitivities: bool, *, elliptic: bool
+    ) -> None:
+        self.membrane, self.stiffness = membrane, stiffness
+        self.sensitivities = sensitivities
+        #: Whether the path ends where the law loses ellipticity.
+        self.elliptic = elliptic
+        self.levels: list[Level] = []
+        self.work = 0
+        self.wasted = 0
+        self.closing_in = False
+        #: Descent is long where it fails, so it is not tried again then.
+        self.descends = True
+        #: Whether the last level was one that no step in pressure had found.
+        self.by_volume = False
+        self._estimates: dict[tuple[float, float], _Estimate] = {}
+        self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
+        # blown from the other side, a flat membrane shows its mirror image
+        self.mirrored = membrane.fabric.surface is None
+
+    def is_elliptic(self, displacement: Floats) -> bool:
+        """Whether the law is elliptic all over a shape."""
+        return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
+
+    def is_sound(self, s: float) -> bool:
+        """Whether the shape that is balanced from the dense output is stable, or the law elliptic.
+
+        Of the dense output itself it would not do: where shear is soft, its 3e-4 mm move the
+        pressure at which a path turns unstable by a hundredth.
+        """
+        try:
+            balance = solve(
+                self.membrane, self.interpolate(s), s**3, self.stiffness, follow=True, exact=True
+            )
+        except NewtonError as error:
+            self.work += error.work
+            return False
+        self.work += balance.factorisations
+        return balance.stable or self.is_elliptic(balance.displacement)
+
+    def solve(
+        self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
+    ) -> float:
+        """Balance a level and keep it; returns how far (mm) the guess was off.
+
+        The slope of a level that is not `rough` has to fit the level below.
+        """
+        try:
+            balance = solve(
+                self.membrane, guess, s**3, self.stiffness,
+                thrifty=True, follow=follow, exact=self.sensitivities, patient=patient,
+            )  # fmt: skip
+        except NewtonError as error:
+            self.work += error.work
+            self.wasted += error.work
+            # a copy: the error itself holds this object by its traceback, in a circle
+            self.failure = NewtonError(
+                error.reason, error.iteration, error.residual_norm, error.work
+            )
+            raise
+        self.work += balance.factorisations
+        if self.elliptic and balance.leapt and not self.is_elliptic(balance.displacement):
+            self.wasted += balance.factorisations
+            reason = Cause.LOSS_OF_ELLIPTICITY
+            raise BandedError(reason.value, 0, 0.0, 0, reason)
+        slope = slope_in_pressure(self.membrane, balance, self.stiffness)
+        smooth = follow and not rough and not self.closing_in
+        if smooth and self._is_rough(s, balance.displacement, slope):
+            self.wasted += balance.factorisations
+            raise NewtonError("the tangent is nearly singular", 0, 0.0, 0)
+        sensitivity = (
+            stiffness_sensitivity(self.membrane, balance, slope, self.stiffness)
+            if self.sensitivities
+            else None
+        )
+        level = Level(
+            s,
+            balance.displacement,
+            slope,
+            sensitivity,
+            balance.wrinkled,
+            balance.stable,
+            balance.factor,
+        )
+        self.levels.insert(bisect([other.s for other in self.levels], s), level)
+        return float(np.abs(balance.displacement - guess).max())
+
+    def predict(self, s: float) -> Floats:
+        """Extrapolation of the newest levels, or of their mirror images where they are few.
+
+        Levels much closer together than the step is long would only lend it their noise.
+        """
+        levels = [self.levels[-1]]
+        apart = _APART * (s - levels[0].s)
+        for level in reversed(self.levels):
+            if level.s <= levels[0].s - apart and len(levels) < _PREDICTOR_LEVELS:
+                levels.insert(0, level)
+        return self._blend(levels, s, _PREDICTOR_LEVELS)
+
+    def lower(self, shape: Floats, s: float) -> Floats:
+        """A shape, or that of the newest level where its potential is less: descent is shorter."""
+        shapes = (shape, self.levels[-1].displacement)
+        potentials = [
+            self.membrane.state(x, s**3, self.stiffness, tangent=False).potential for x in shapes
+        ]
+        return shapes[int(potentials[1] < potentials[0] or not np.isfinite(potentials[0]))]
+
+    def interpolate(self, s: float) -> Floats:
+        """The dense output between the levels."""
+        return self._blend(self.levels, s, STENCIL)
+
+    def _is_rough(self, s: float, displacement: Floats, slope: Floats) -> bool:
+        """True where a level's slope does not fit the level below it.
+
+        The slope has a pole where the tangent is singular. A level beside the pole would spoil
+        the dense output far around it, while the path is mostly smooth on either side.
+        """
+        below = self.levels[bisect([level.s for level in self.levels], s) - 1]
+        fitting = 2.0 * (displacement - below.displacement) / (s - below.s) - below.slope
+        return bool(np.abs(slope - fitting).max() > ROUGH * np.abs(slope).max())
+
+    def error(self, after: int, slight: float) -> float:
+        """Error (mm) of the dense output halfway between level `after` and the next.
+
+        Newton's correction of the interpolated shape. The stiffness there lies between those of
+        the two levels, so the estimate is the geometric mean of what their factors say. Where
+        another level has changed the stencil, the shape's change is added to the error it had; if
+        that is `slight` (mm), it is not measured anew.
+        """
+        low, high = self.levels[after], self.levels[after + 1]
+        middle = 0.5 * (low.s + high.s)
+        knots = stencil_at(
+            np.array([level.s for level in self.levels]), middle, mirrored=self.mirrored
+        )
+        known = self._estimates.get((low.s, high.s))
+        if known is not None and known.knots == knots:
+            return known.error
+        shape = self.interpolate(middle)
+        error = np.inf
+        if known is not None:
+            error = known.error + float(np.abs(shape - known.shape).max())
+        if error > slight:
+            error = self._measured_error(after, middle, shape)
+        self._estimates[low.s, high.s] = _Estimate(knots, shape, error)
+        return error
+
+    def _measured_error(self, after: int, s: float, shape: Floats) -> float:
+        state = self.membrane.state(shape, s**3, self.stiffness, tangent=False)
+        if not np.isfinite(state.potential):
+            return np.inf
+        kept = [level.factor for level in self.levels[after:] if level.factor is not None]
+        here = [
+            level.factor for level in self.levels[after : after + 2] if level.factor is not None
+        ]
+        sizes = [float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]]
+        return float(np.prod(sizes)) ** (1.0 / len(sizes))
+
+    def forget(self) -> None:
+        """Let go of the factors that no estimate needs any more."""
+        for level in self.levels[:-STENCIL]:
+            level.factor = None
+
+    def _blend(self, levels: list[Level], s: float, stencil: int) -> Floats:
+        weights = hermite_weights(
+            np.array([level.s for level in levels]),
+            np.array([s]),
+            mirrored=self.mirrored,
+            stencil=stencil,
+        )
+        values = np.array([level.displacement for level in levels])
+        return combine(weights, values, np.array([level.slope for level in levels]))[0]
