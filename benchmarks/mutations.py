@@ -56,6 +56,7 @@ SIGNS = "effects/test_effects_signs.py"
 TRIAL = "trial/test_trial_effects.py"
 NOISE = "gap/test_gap_noise.py"
 EVIDENCE = "gap/test_gap_evidence.py"
+LEVEL = "gap/test_gap_level.py"
 CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
 WINDOW = "model/test_model_window.py"
@@ -312,6 +313,25 @@ MUTANTS = (
         "residual - share * mesh",
         "residual + share * mesh",
         "gap/test_gap_weighing.py",
+    ),
+    Mutant(
+        "gap/evidence/problem.py", "if part < parts[form]]", "if part <= parts[form]]", EVIDENCE
+    ),
+    Mutant(
+        "gap/level.py", "own[fit.columns.index(m)] = 1.0", "own[fit.columns.index(m)] = 2.0", LEVEL
+    ),
+    Mutant("gap/level.py", "@ own)), self.error)", "@ own)), 0.0)", LEVEL),
+    Mutant(
+        "effects/fields/stiffness_field.py",
+        "reshape(-1, 2)) - _means()",
+        "reshape(-1, 2)) + _means()",
+        "effects/test_effects_fields.py",
+    ),
+    Mutant(
+        "effects/fields/stiffness_field.py",
+        "/ (2.0 * np.sqrt(number))",
+        "/ np.sqrt(number)",
+        "effects/test_effects_fields.py",
     ),
 )
 
