@@ -72,7 +72,9 @@ def test_what_is_of_another_kind(name, given, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("path", [None, 3, b"x.npz", [], object()], ids=str)
+@pytest.mark.parametrize(
+    "path", [None, 3, b"x.npz", [], object()], ids=lambda path: type(path).__name__
+)
 def test_what_names_no_file(path, test):
     for write in (bulgefit.write_test, bulgefit.write_test_paraview, bulgefit.animate):
         with pytest.raises(InputError, match="name of a file is needed, not"):
@@ -84,7 +86,9 @@ def test_what_names_no_file(path, test):
             bulgefit.plot_profiles(test, tuple(b.displacement for b in test.blocks), path)
 
 
-@pytest.mark.parametrize("given", [3, object(), ((1.0, 2.0),)], ids=str)
+@pytest.mark.parametrize(
+    "given", [3, object(), ((1.0, 2.0),)], ids=lambda given: type(given).__name__
+)
 def test_what_is_no_prediction(given, test):
     for draw in (bulgefit.plot_profiles, bulgefit.plot_residuals):
         with pytest.raises(InputError):

@@ -75,7 +75,7 @@ def test_the_two_commands():
     commands = dict(marked)
     assert commands.keys() == {"main", "tests"}
     assert "pip install . && bulgefit fit data/example_bulge.npz" in commands["main"]
-    assert commands["tests"].endswith("python -m pytest")
+    assert commands["tests"].endswith("python -m pytest -n 2 --dist loadfile")
     run = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     for name in commands:
         assert f"readme_command {name}" in run
