@@ -76,8 +76,8 @@ class StiffnessField(Field):
 
         The median moves as the field does where it is the median: in the tenth of the places that
         are nearest to it in rank. Of n places in which a cloth differs by chance it is known to
-        1/(2 f √n), f being the density there (Kendall and Stuart, 1977, "The advanced theory of
-        statistics", vol. 1, eq. 14.5); a specimen has as many as cells of the grid.
+        1/(2 f √n), f being the density there (Cramér, 1946, "Mathematical methods of statistics",
+        section 28.5); a specimen has as many as cells of the grid.
         """
         found = _logarithm(own)
         low, middle, high = np.quantile(found, (0.5 - _ABOUT, 0.5, 0.5 + _ABOUT))
