@@ -317,6 +317,8 @@ MUTANTS = (
     Mutant(
         "gap/evidence/problem.py", "if part < parts[form]]", "if part <= parts[form]]", EVIDENCE
     ),
+    Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
+    Mutant("gap/evidence/search.py", " or self._uncovered(fit, around)", "", EVIDENCE),
     Mutant(
         "gap/level.py", "own[fit.columns.index(m)] = 1.0", "own[fit.columns.index(m)] = 2.0", LEVEL
     ),

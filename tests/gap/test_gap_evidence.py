@@ -17,6 +17,7 @@ from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
+from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
@@ -963,6 +964,52 @@ def test_forms_are_ordered_by_what_they_contain():
     assert [g.below(form) for form in range(5)] == [[], [], [0, 1], [], [2, 3]]
     assert g.above(None) == [0, 1, 2, 3, 4]
     assert [g.above(form) for form in range(5)] == [[2, 4], [2, 4], [4], [4], []]
+
+
+def test_what_two_models_contain_is_their_common_form_not_the_lower_number():
+    g = group("a", [1.0] * 3, forms=((0,), (0, 1), (0, 2), (0, 1, 2)))
+    layout = Layout.of([g, group("b", [1.0]), group("c", [1.0], forms=())])
+    assert g.common(1, 2) == 0
+    assert g.common(3, 2) == 2
+    assert group("d", [1.0] * 2, forms=((0,), (1,))).common(0, 1) is None
+    one, other = freeze({"a": 1, "b": 0}), freeze({"a": 2, "c": 0})
+    assert layout.common(one, other) == layout.common(other, one) == freeze({"a": 0})
+
+
+def sagged(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A shift by two shapes, a sag that shifts by one and lifts by its square, and a lift."""
+    t = np.linspace(-1.0, 1.0, 60)
+    one, rise = 40.0 * (1.0 - t**2), 10.0 * np.cos(3.0 * t)
+    # what stands for the square: close to it, not the same
+    stand = rise + 2.0 * np.sin(6.0 * t)
+    value = x[0] * one + x[1] * 40.0 * t - x[2] * one + x[2] ** 2 * rise + x[3] * stand
+    columns = [one, 40.0 * t, -one + 2.0 * x[2] * rise, stand]
+    return value, np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("sag", [1.2, -1.2])
+def test_what_another_hides_but_for_its_square_is_found_where_a_third_stands_for_that(sag):
+    """Beside the shift a sag takes nothing off at none, and half of it only half of its square."""
+    shift, sags, stand = (Owned(name) for name in ("shift", "sag", "stand"))
+    groups = [
+        group(shift, [1.0, 1.0]),
+        group(sags, [2.0], hidden_by=(shift,)),
+        group(stand, [2.0]),
+    ]
+    truth = np.array([0.0, 0.5, sag, 0.0])
+    measured = sagged(truth)[0] + np.random.default_rng(7).normal(size=60)
+    search = searched(Known(groups, measured, sagged))
+    fit = search.fit(freeze({shift: 0, stand: 0}), np.zeros(4))
+    around = search.around(fit)
+    own = search.layout.own(shift, 0)
+    x = handed_over(around, search.layout, own, sags, 1.0)
+    # to first order the same, by the misfit's own derivatives, and the sag has it all
+    assert x[2] == pytest.approx(-fit.x[0], rel=1e-2)
+    moved = sagged(fit.x)[1] @ (x - fit.x)
+    assert np.abs(moved).max() < 0.01 * np.abs(40.0 * x[2])
+    best = search.improved(fit)
+    assert best.model == freeze({shift: 0, sags: 0})
+    assert best.x[2] == pytest.approx(sag, abs=0.1)
 
 
 def test_a_form_gives_way_to_either_of_its_parts():

@@ -56,6 +56,8 @@ class Effect:
         Why no test can tell it apart, else "".
     told : tuple of Told
         Further measurements that would tell parameters directly.
+    hidden_by : tuple of str
+        Effects that do what it does but for its second order in its size.
     turn : str
         Parameter (degree) by which the fabric is turned in the clamp, else "".
     order : int
@@ -74,6 +76,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
     told: ClassVar[tuple[Told, ...]] = ()
+    hidden_by: ClassVar[tuple[str, ...]] = ()
     turn: ClassVar[str] = ""
     order: ClassVar[int] = 0
 

@@ -26,7 +26,7 @@ from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
-from bulgefit.gap.evidence.problem import Layout, Model, freeze
+from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import GROWN, Search
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.ways import Ways
@@ -376,7 +376,7 @@ class _Trial:
         """The best model alone, by data in other units."""
         best, problem = self.search.best, self.search.problem
         weighing = Weighing(data, problem.coordinates, _on(data, problem.offsets))
-        search = replace(self.search, problem=weighing, fits={})
+        search = replace(self.search, problem=weighing, fits={}, renewed=set())
         search.fit(best.model, best.x, best.here.near, roughly=True)
         return replace(self, data=data, search=search, ways=replace(self.ways, search=search))
 
@@ -407,9 +407,7 @@ class _Trial:
         while True:
             search = self._beside(told)
             best = search.improved(search.best)
-            forms = dict(best.model)
-            common = {name: min(f, forms[name]) for name, f in told.model if name in forms}
-            if (smaller := freeze(common)) == told.model:
+            if (smaller := search.layout.common(told.model, best.model)) == told.model:
                 break
             if (less := self.search.fit(smaller, best.x, best.here.near)) is None:
                 break

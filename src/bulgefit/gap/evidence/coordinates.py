@@ -117,7 +117,13 @@ class Coordinates:
             common = effect.shared or not several or (same_rig and effect.of_rig)
             for index in [None] if common else range(len(nulls)):
                 own = [_coordinate(effect, p, index, nulls[index or 0]) for p in _stepped(effect)]
-                add(Owned(effect.id, index), effect.place, own, forms=_forms(effect))
+                add(
+                    Owned(effect.id, index),
+                    effect.place,
+                    own,
+                    forms=_forms(effect),
+                    hidden_by=tuple(Owned(other, index) for other in effect.hidden_by),
+                )
         return cls(tuple(groups), tuple(every))
 
     def values(self, x: Floats, index: int) -> dict[str, float]:

@@ -53,6 +53,9 @@ class Group:
     period : tuple of float
         What values of a coordinate may differ by and be the same; infinite where each is another.
         Default: of all.
+    hidden_by : tuple of Owned
+        Groups that do what this one does but for its second order: beside them it takes nothing off
+        the misfit at its null.
     """
 
     id: Owned
@@ -64,6 +67,7 @@ class Group:
     always: bool = False
     governor: tuple[int, ...] = ()
     period: tuple[float, ...] = ()
+    hidden_by: tuple[Owned, ...] = ()
 
     @property
     def shapes(self) -> tuple[tuple[int, ...], ...]:
@@ -81,6 +85,12 @@ class Group:
         parts = [set(shape) for shape in self.shapes]
         own = set() if form is None else parts[form]
         return [k for k, part in enumerate(parts) if part > own]
+
+    def common(self, one: int, other: int) -> int | None:
+        """The largest form that two contain; None where no form is that small."""
+        both = set(self.shapes[one]) & set(self.shapes[other])
+        inside = [k for k, shape in enumerate(self.shapes) if both.issuperset(shape)]
+        return max(inside, key=lambda k: len(self.shapes[k]), default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,12 +242,12 @@ class Layout:
             **{g.id: len(g.shapes) - 1 for g in self.groups.values() if g.always},
             **dict(model),
         }
-        out = [
-            self._first[name] + index
-            for name, form in forms.items()
-            for index in self.groups[name].shapes[form]
-        ]
-        return np.array(sorted(out), dtype=np.intp)
+        parts = [self.own(name, form) for name, form in forms.items()]
+        return np.sort(np.concatenate([np.empty(0, np.intp), *parts]))
+
+    def own(self, name: Owned, form: int) -> Columns:
+        """Coordinates of one group in a form, ascending."""
+        return self._first[name] + np.array(sorted(self.groups[name].shapes[form]), dtype=np.intp)
 
     def believed(self, model: Model) -> float:
         """-2 ln of a model's probability before any data (`_of_count`).
@@ -281,6 +291,19 @@ class Layout:
             wanted = set(names)
             chosen = [g for g in chosen if g.id in wanted]
         return freeze({g.id: len(g.shapes) - 1 for g in chosen})
+
+    def common(self, one: Model, other: Model) -> Model:
+        """What two models both contain."""
+        forms = dict(other)
+        shared = {n: self.groups[n].common(f, forms[n]) for n, f in one if n in forms}
+        return freeze({name: form for name, form in shared.items() if form is not None})
+
+    def hidden(self, model: Model) -> Iterator[tuple[Owned, Owned]]:
+        """Groups that a model lacks and one of its own hides, each with that one."""
+        forms = dict(sorted(model))
+        for name, group in self.groups.items():
+            if name not in forms:
+                yield from ((name, other) for other in group.hidden_by if other in forms)
 
     def part(self, name: Owned) -> slice:
         """Where a group's coordinates stand."""

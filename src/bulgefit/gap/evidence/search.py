@@ -19,6 +19,7 @@ from bulgefit.effects.parameter import Owned
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
+from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.laplace import laplace, quadratic
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.parallel.journal import kept
@@ -308,9 +309,12 @@ class Search(Generic[Kind]):
             grown = within(m for model in grown for m in self._larger(model))
         return known
 
-    def _thinned(self, fit: Fit, around: Linearised) -> Fit | None:
-        """With all that the forecast can do without taken out; with less if that was wrong."""
-        path = self._path(fit.model, around)[0]
+    def _thinned(self, fit: Fit, around: Linearised, keep: Owned | None = None) -> Fit | None:
+        """With all that the forecast can do without taken out; with less if that was wrong.
+
+        But for a group that is to be kept in one of its forms.
+        """
+        path = self._path(fit.model, around, keep)[0]
         reach = len(path) - 1
         while reach > 0:
             found = self._refit(path[reach], around)
@@ -324,13 +328,16 @@ class Search(Generic[Kind]):
         around = self.seen_around(fit)
         return fit.score if around is None else self._path(fit.model, around)[1]
 
-    def _path(self, model: Model, around: Linearised) -> tuple[list[Model], float]:
+    def _path(
+        self, model: Model, around: Linearised, keep: Owned | None = None
+    ) -> tuple[list[Model], float]:
         """Ever smaller models, as long as the forecast evidence rises, and that of the last."""
         path = [model]
         while True:
             forecast = self._forecasts(around, path[-1])
             score = forecast(path[-1])
-            options = [(forecast(m), m) for m in self._smaller(path[-1])]
+            smaller = (m for m in self._smaller(path[-1]) if keep is None or keep in dict(m))
+            options = [(forecast(m), m) for m in smaller]
             if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
                 return path, score
             path.append(best[1])
@@ -370,7 +377,7 @@ class Search(Generic[Kind]):
         if fit is not self.best or fit.model in self.renewed:
             return None
         self.renewed.add(fit.model)
-        return self._replaced(fit, around) or self._turned(fit)
+        return self._replaced(fit, around) or self._turned(fit) or self._uncovered(fit, around)
 
     def _replaced(self, fit: Fit, around: Linearised) -> Fit | None:
         """With one group in the place of several that stand for it.
@@ -408,12 +415,34 @@ class Search(Generic[Kind]):
             for start in list(self.layout.sides(fit.x, at))[1:]:
                 found = self.fit(larger, start)
                 if found is not None and found.here.square <= fit.here.square:
-                    # what the other side needed may go
-                    around = self.seen_around(found)
-                    thinned = None if around is None else self._thinned(found, around)
-                    if (thinned or found).score < fit.score:
-                        return thinned or found
+                    better = self._rid(found)
+                    if better.score < fit.score:
+                        return better
         return None
+
+    def _uncovered(self, fit: Fit, around: Linearised) -> Fit | None:
+        """The best model with a group in the place of what one of its own does like it.
+
+        Where that one hides it no forecast sees it, since its second order alone is its own; but
+        that may be what others in the model stand for.
+        """
+        for name, by in self.layout.hidden(fit.model):
+            if name not in self.names:
+                continue
+            larger = fit.model | self.layout.whole([name])
+            own = self.layout.own(by, dict(fit.model)[by])
+            start = handed_over(around, self.layout, own, name, self.problem.inflation)
+            found = self.fit(larger, start, fit.here.near)
+            if found is not None:
+                better = self._rid(found, keep=name)
+                if better.score < fit.score:
+                    return better
+        return None
+
+    def _rid(self, fit: Fit, keep: Owned | None = None) -> Fit:
+        """A fit, or the better one that is rid of what it does not need."""
+        around = self.seen_around(fit)
+        return (None if around is None else self._thinned(fit, around, keep)) or fit
 
     def _refit(self, model: Model, around: Linearised) -> Fit | None:
         """Fitted from where the linear step leads, or from where one stands."""
