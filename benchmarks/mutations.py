@@ -317,6 +317,12 @@ MUTANTS = (
     Mutant(
         "gap/evidence/problem.py", "if part < parts[form]]", "if part <= parts[form]]", EVIDENCE
     ),
+    Mutant(
+        "effects/fields/stiffness_field.py",
+        "np.moveaxis(_bumps(points), -1, 0), strict",
+        "-np.moveaxis(_bumps(points), -1, 0), strict",
+        "effects/test_effects_fields.py",
+    ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
     Mutant("gap/evidence/search.py", " or self._uncovered(fit, around)", "", EVIDENCE),
     Mutant(

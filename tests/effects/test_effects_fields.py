@@ -38,6 +38,24 @@ def test_fields_stand_beside_the_catalogue():
         chosen_effects(["stiffness_field"])
 
 
+def test_thickening_in_closed_form_is_what_the_hook_does_to_the_cloth():
+    """Of each effect that states it: by differences of its hook, which changes nothing else."""
+    rng = np.random.default_rng(3)
+    cloth = Cloth(300.0, 200.0, 20.0, 0.24, rng.uniform(-0.6, 0.6, (7, 4, 2)))
+    stated = 0
+    for effect in acting().values():
+        own = {p.name: 0.3 * p.prior * rng.normal() for p in effect.parameters}
+        for name, rate in effect.thickening(own, cloth.points).items():
+            stated += 1
+            ends = [effect.material({**own, name: own[name] + h}, cloth) for h in (-1e-4, 1e-4)]
+            low, high = (end.thickness for end in ends)
+            assert low is not None
+            assert high is not None
+            np.testing.assert_allclose((np.log(high) - np.log(low)) / 2e-4, rate, atol=1e-8)
+            assert vars(ends[1]) | {"thickness": None} == vars(cloth)
+    assert stated == len(NAMES)
+
+
 @pytest.mark.parametrize("field", EVERY, ids=lambda f: f.id)
 def test_nothing_at_the_null_and_exact_derivatives(field: Field, virtual: VirtualTest):
     plain = virtual.predict(VALUES)

@@ -350,3 +350,13 @@ def test_cloth_that_lies_loosely_is_found_from_rest_where_a_neighbour_does_not_l
         specimen.shapes(values, near=near)
     found = _balanced(specimen, values, (), near)
     np.testing.assert_array_equal(found.displacement, specimen.shapes(values).displacement)
+
+
+def test_a_reference_image_hides_heights_and_nothing_else() -> None:
+    """Each specimen's own, and none that is not weighed beside it; fields are called in anyhow."""
+    effects = [*catalogue().values(), *(f for f in fields().values() if f.parameters)]
+    groups = Coordinates.of(effects, [{"poisson_ratio.nu12": 0.24}] * 2).groups
+    hidden = {g.id: g.hidden_by for g in groups if g.hidden_by}
+    assert hidden == {Owned("initial_shape", k): (Owned("reference_state", k),) for k in range(2)}
+    alone = Coordinates.of([catalogue()["initial_shape"]], [{}]).groups
+    assert not any(g.hidden_by for g in alone)

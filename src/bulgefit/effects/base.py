@@ -56,8 +56,6 @@ class Effect:
         Why no test can tell it apart, else "".
     told : tuple of Told
         Further measurements that would tell parameters directly.
-    hidden_by : tuple of str
-        Effects that do what it does but for its second order in its size.
     turn : str
         Parameter (degree) by which the fabric is turned in the clamp, else "".
     order : int
@@ -76,7 +74,6 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
     told: ClassVar[tuple[Told, ...]] = ()
-    hidden_by: ClassVar[tuple[str, ...]] = ()
     turn: ClassVar[str] = ""
     order: ClassVar[int] = 0
 
@@ -101,6 +98,14 @@ class Effect:
     def material(self, own: Own, cloth: Cloth) -> Cloth:
         """The cloth with the effect."""
         return cloth
+
+    def thickening(self, own: Own, points: Floats) -> Mapping[str, Floats]:
+        """∂ ln(thickness)/∂(each parameter), (m, 4), at points (m, 4, 2) of the unit disc.
+
+        Of effects that change nothing else, where it is known in closed form: parameters that are
+        many need no differences of descriptions then.
+        """
+        return {}
 
     # load
 

@@ -37,9 +37,6 @@ class InitialShape(Effect):
         step=1e-3,
     )
     forms = stages(_NAMES, 1, 3, 6, 10, 14)
-    # membranes stretch by the slopes' squares: where pressure lifts a cloth to hardly depends on
-    # low waves before, so they shift what is seen by as much in all frames
-    hidden_by = ("reference_state",)
     # a shape measured without pressure is good to some hundredths of a millimetre
     told = (Told(Further.SHAPE, _NAMES, 0.05),)
 

@@ -27,6 +27,7 @@ __all__ = [
     "checked",
     "cloth_law",
     "describe",
+    "gauss_points",
     "null_values",
     "with_value",
 ]
@@ -207,7 +208,7 @@ def describe(
     if there := kept("material"):
         fabric = replace(there.fabric, surface=surface, compliance=compliance)
         return replace(there, fabric=fabric, load=load, edge=edge, eased=eased)
-    cloth = _cloth(values, active, _gauss_points(mesh) / scale)
+    cloth = _cloth(values, active, gauss_points(mesh, scale))
     return Description(
         stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
         angle=float(np.deg2rad(cloth.angle)),
@@ -297,6 +298,11 @@ def _fabric(cloth: Cloth, surface: Floats | None, compliance: float | None) -> F
         ),
         compliance=compliance,
     )
+
+
+def gauss_points(mesh: Mesh, scale: Floats | float) -> Floats:
+    """(m, 4, 2) on the unit disc, of which the mesh is the image by a scale, mm."""
+    return _gauss_points(mesh) / scale
 
 
 @lru_cache(maxsize=8)

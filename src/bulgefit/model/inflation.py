@@ -74,11 +74,16 @@ class Shapes:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A parameter's description below and above its value, and the span between."""
+    """A parameter's description below and above its value, and the span between.
+
+    Or `thickening`, ∂ ln(thickness)/∂(the parameter) (m, 4), where that is all that changes: the
+    ends are the description itself then.
+    """
 
     below: Description
     above: Description
     span: float
+    thickening: Floats | None = None
 
     @property
     def rate(self) -> Floats:
@@ -98,7 +103,7 @@ class Change:
     @property
     def of_law(self) -> bool:
         """Whether nothing but the law's parameters and the load changes."""
-        return self.below.lies_as(self.above)
+        return self.thickening is None and self.below.lies_as(self.above)
 
 
 @dataclass(eq=False)
@@ -395,10 +400,13 @@ class _Forces:
 
     def _compare(self, name: str, change: Change, inflation: Inflation) -> None:
         """What a parameter of shape, clamp or thickness changes of the membrane."""
+        if change.thickening is not None:
+            self._weighed[name] = change.thickening
+            return
         ends = (change.below, change.above)
         below, above = (inflation.membrane(d, self._membrane) for d in ends)
         gain = (above.weight - below.weight) / (change.span * self._membrane.weight)
-        if any(d.edge is not None for d in ends):
+        if change.below.edge is not change.above.edge:
             self._pulled.append(name)
         if above.surface is not below.surface:
             tilt = (above.surface.gradient - below.surface.gradient) / change.span

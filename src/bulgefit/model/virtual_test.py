@@ -33,6 +33,7 @@ from bulgefit.model.description import (
     active_effects,
     checked,
     describe,
+    gauss_points,
     null_values,
     with_value,
 )
@@ -179,10 +180,15 @@ class VirtualTest:
     ) -> tuple[Description, dict[str, Change]]:
         """What the values describe, and how that changes with the names that change it."""
         slips, active = False, active_effects(values, self.nulls())
+        own = [name for name in names if _of_fabric(name)]
+        thickening = self._thickening(own, active)
         while True:
             here = self._describe(values, active, slips=slips)
             changes = {
-                n: self._change(n, values, active, here, slips) for n in names if _of_fabric(n)
+                n: Change(here, here, 1.0, thickening[n])
+                if n in thickening
+                else self._change(n, values, active, here, slips)
+                for n in own
             }
             ends = [d for c in changes.values() for d in (c.below, c.above)]
             if slips or here.fabric.compliance is not None:
@@ -197,6 +203,17 @@ class VirtualTest:
             or change.rate.any()
             or change.below.law_parameters != change.above.law_parameters
         }
+
+    def _thickening(self, names: Iterable[str], active: Active) -> dict[str, Floats]:
+        """∂ ln(thickness)/∂(name) at the Gauss points, (m, 4), of names of which that is known."""
+        own_of = {effect.id: own for effect, own in active}
+        out = dict[str, Floats]()
+        for id_ in dict.fromkeys(name.partition(".")[0] for name in names if "." in name):
+            effect = effect_named(id_)
+            own = own_of.get(id_) or own_values(effect, {}, self.nulls())
+            found = effect.thickening(own, gauss_points(self.mesh, self.test.semi_axes))
+            out |= {f"{id_}.{name}": rate for name, rate in found.items()}
+        return out
 
     def _describe(
         self,

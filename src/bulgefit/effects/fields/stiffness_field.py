@@ -65,6 +65,10 @@ class StiffnessField(Field):
             return cloth
         return replace(cloth, thickness=cloth.thickened(np.exp(_bumps(cloth.points) @ heights)))
 
+    def thickening(self, own: Own, points: Floats) -> dict[str, Floats]:
+        """Its bumps: see the class."""
+        return dict(zip(_NAMES, np.moveaxis(_bumps(points), -1, 0), strict=True))
+
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """Over the disc, against its level."""
         x, y = radius * _grid().T

@@ -88,7 +88,7 @@ class Coordinates:
         same_rig : bool
             Whether clamp and cameras are the same for all specimens.
         """
-        groups, every = [], list[Coordinate]()
+        effects, groups, every = list(effects), [], list[Coordinate]()
 
         def add(name: Owned, place: str, own: list[Coordinate], **more: object) -> None:
             null, width, lower = np.array([[c.null, c.width, c.lower] for c in own]).T
@@ -122,7 +122,7 @@ class Coordinates:
                     effect.place,
                     own,
                     forms=_forms(effect),
-                    hidden_by=tuple(Owned(other, index) for other in effect.hidden_by),
+                    hidden_by=tuple(Owned(other.id, index) for other in _hiding(effect, effects)),
                 )
         return cls(tuple(groups), tuple(every))
 
@@ -153,6 +153,19 @@ def _moduli(priors: Mapping[str, tuple[float, float]]) -> list[Coordinate]:
             Coordinate(Key.of(name), parameter, math.log(middle), spread / middle, -math.inf)
         )
     return own
+
+
+def _hiding(effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """Effects that do to first order what a height before inflation does.
+
+    Membranes stretch by the squares of slopes: where pressure lifts a cloth to hardly depends on
+    how high it lay, so a height shifts what is seen by as much in all frames, as does what the
+    points have moved by in the reference image. A field is called in where something is left; this
+    leaves nothing.
+    """
+    if not effect.uses("height") or effect.id in fields():
+        return []
+    return [other for other in others if other.uses("at_rest")]
 
 
 def _stepped(effect: Effect) -> list[Parameter]:
