@@ -194,6 +194,7 @@ def solve(
                 )  # fmt: skip
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
+            state = replace(state, tangent=None)
     raise NewtonError(
         f"no convergence in {iteration} iterations", iteration, _norm(state), search.work
     )
@@ -291,7 +292,8 @@ class _Search:
         """A step that makes progress; the new shape, its state, and the next correction (N,).
 
         A step that will be the last is not looked at again, unless there are wrinkles: where they
-        come and go the tangent jumps, and convergence is not quadratic.
+        come and go the tangent jumps, and convergence is not quadratic. To find them takes most of
+        the time that a look does; so the tangent is then made by the way.
         """
         step = self.correct(factor, state)
         size = float(np.abs(step).max())
@@ -306,7 +308,7 @@ class _Search:
         stuck = lost and self.shift > 0.0 and self._pushes(state)
         for _ in range(0 if stuck else 6 if self.follow else 25):
             trial = displacement + self.membrane.spread(fraction * step)
-            new = self.look(trial)
+            new = self.look(trial, tangent=state.wrinkled > 0)
             if np.isfinite(new.potential):
                 correction = self.correct(factor, new)
                 ahead = float(np.abs(correction).max())

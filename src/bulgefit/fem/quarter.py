@@ -6,28 +6,29 @@ quarter of all, and their tangent a sixteenth of the work. That the others stay 
 stability against them: the whole tangent falls apart into those of the four ways of being even or
 odd in each mirror (Healey, 1988, A group-theoretic approach to computational bifurcation
 problems with symmetry, sec. 4), so it is positive definite where all four are. Where one is not,
-or where the path stops, the whole membrane is traced; unless unstable shapes are followed too: the
-whole's steps then keep to the mirrors as well, at ten times the cost.
+or where the path stops at a shape that is not known, the whole membrane is traced; unless unstable
+shapes are followed too: the whole's steps then keep to the mirrors as well, at ten times the cost.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import product, takewhile
+from operator import itemgetter
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bulgefit.errors import Cause, SolveError
+from bulgefit.errors import Cause
 from bulgefit.fem.linear import LinearSolver, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fem.path import Path
 from bulgefit.fem.ties import Ties
-from bulgefit.fem.trace import TOLERANCE, trace
+from bulgefit.fem.trace import TOLERANCE, Traced, traced
 
 __all__ = ["Quarter", "quarter_of", "trace_by_quarter"]
 
@@ -87,6 +88,21 @@ class Quarter:
             out[level] = self.keeps(shape, pressure, stiffness)
         return out
 
+    def ends_alike(self, found: Traced, kept: NDArray[np.bool_], stiffness: Floats) -> bool:
+        """Whether the whole ends where and why the quarter does (`found.error`).
+
+        What ends the quarter's path ends the whole's, unless an odd displacement has left it
+        before: at a level that is not `kept` (levels,), or by the last shape, if it is known.
+        """
+        error = found.error
+        assert error is not None
+        if error.cause is Cause.INADMISSIBLE:
+            return True
+        if found.path is None or found.last is None:
+            return False
+        kept = kept[found.path.pressure <= error.reached]
+        return bool(kept.all()) and self.keeps(found.last, error.reached, stiffness)
+
     def keeps(self, shape: Floats, pressure: float, stiffness: Floats) -> bool:
         """Whether no small odd displacement lowers the potential at a balanced shape (q, 3) mm."""
         try:
@@ -112,27 +128,29 @@ def trace_by_quarter(
     Parameters and errors are those of `trace`. The path's `factorisations` are then those of
     the quarter, three a level to see that it is stable included.
     """
-    quarter = quarter_of(membrane)
+    quarter, begun = quarter_of(membrane), list[tuple[float, Floats]]()
     if quarter is not None:
-        try:
-            path = trace(
-                quarter.even, stiffness, pressure, tolerance=tolerance,
-                sensitivities=sensitivities, parameters=parameters,
-                beyond_ellipticity=beyond_ellipticity,
-            )  # fmt: skip
-        except SolveError as error:
-            # another cause may strike the whole at a lower pressure
-            if error.cause is Cause.INADMISSIBLE:
-                raise
-        else:
+        found = traced(
+            quarter.even, stiffness, pressure, tolerance=tolerance,
+            sensitivities=sensitivities, parameters=parameters,
+            beyond_ellipticity=beyond_ellipticity,
+        )  # fmt: skip
+        path, stable = found.path, np.zeros(0, dtype=bool)
+        if path is not None:
             stable = quarter.stable(path, stiffness)
-            if beyond_ellipticity or stable.all():
+            if found.error is None and (beyond_ellipticity or stable.all()):
                 return _whole(replace(path, stable=stable), quarter, membrane, stiffness)
-    return trace(
+            # so far the whole does as the quarter did
+            alike = zip(path.pressure, path.displacement, stable, strict=True)
+            begun = [(float(p), quarter.whole(u)) for p, u, _ in takewhile(itemgetter(2), alike)]
+        if found.error is not None and quarter.ends_alike(found, stable, stiffness):
+            raise found.error
+    whole = traced(
         membrane, stiffness, pressure, tolerance=tolerance,
         sensitivities=sensitivities, parameters=parameters,
-        beyond_ellipticity=beyond_ellipticity,
+        beyond_ellipticity=beyond_ellipticity, begun=begun,
     )  # fmt: skip
+    return whole.whole()
 
 
 def _whole(path: Path, quarter: Quarter, membrane: Membrane, stiffness: Floats) -> Path:

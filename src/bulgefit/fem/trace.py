@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from bulgefit.fem.tracing.ends import (
 )
 from bulgefit.fem.tracing.levels import BandedError, Tracer
 
-__all__ = ["TOLERANCE", "trace"]
+__all__ = ["TOLERANCE", "Traced", "trace", "traced"]
 
 Floats = NDArray[np.float64]
 
@@ -41,11 +43,39 @@ _SOFT_SHEAR, _RESTARTS = 0.05, (1.0, 10.0, 100.0)
 _SETTLED = 6
 #: A smooth path takes five to fifteen levels (docs/performance.md). One that takes more has kinks,
 #: where cloth that lay loosely draws taut, and where halving a step gains little: after so many
-#: levels none are put in between, and steps are as long as it takes to end within the greater
-#: number. The path's error estimate says what that leaves.
-_MANY, _MOST = 20, 40
+#: levels steps are as long as it takes to end within the greater number, and no more are put in
+#: between than that; nor any after so many factorisations, three times what smooth ones may take.
+#: The path's error estimate says what that leaves.
+_MANY, _MOST = 15, 30
+_SMOOTH = 6 * _MANY
 #: The lowest pressure over the one that is tried where cloth is past its loss of ellipticity there.
 _LOWER = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """How far a path came.
+
+    Attributes
+    ----------
+    path : Path or None
+        Of the levels that were balanced; None where there is none.
+    error : SolveError or None
+        Why it ends before the upper pressure.
+    last : (n, 3) array or None, mm
+        The shape at the pressure that `error` names as reached, where it is known.
+    """
+
+    path: Path | None
+    error: SolveError | None = None
+    last: Floats | None = None
+
+    def whole(self) -> Path:
+        """The path; raises its error where it ends early."""
+        if self.error is not None:
+            raise self.error
+        assert self.path is not None
+        return self.path
 
 
 def trace(
@@ -89,6 +119,35 @@ def trace(
     SolveError
         No equilibrium, with its cause and the pressure that was reached.
     """
+    return traced(
+        membrane, stiffness, pressure, tolerance=tolerance, sensitivities=sensitivities,
+        parameters=parameters, beyond_ellipticity=beyond_ellipticity,
+    ).whole()  # fmt: skip
+
+
+def traced(
+    membrane: Membrane,
+    stiffness: Floats,
+    pressure: tuple[float, float] = (1e-4, 0.3),
+    *,
+    tolerance: float = TOLERANCE,
+    sensitivities: bool = False,
+    parameters: Mapping[str, float] | None = None,
+    beyond_ellipticity: bool = False,
+    begun: Sequence[tuple[float, Floats]] = (),
+) -> Traced:
+    """As `trace`, with what there is of a path that ends early.
+
+    Parameters
+    ----------
+    begun : sequence of (MPa, (n, 3) array), optional
+        Levels to go on from, at which the membrane balances.
+
+    Raises
+    ------
+    InputError
+        Pressures not 0 < low <= high.
+    """
     low, high = float(pressure[0]), float(pressure[1])
     if not (0.0 < low <= high < np.inf):
         raise InputError(
@@ -96,37 +155,56 @@ def trace(
         )
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
     tolerance *= membrane.radius / 100.0
-    _check_stiffness(stiffness, low, shown)
+    if (refused := _refused(stiffness, low, shown)) is not None:
+        return Traced(None, refused)
     soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
     spent = 0
     for coarser in _RESTARTS if soft else (1.0,):
         tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
         tracer.work = spent
         try:
-            _start(tracer, np.cbrt(low), np.cbrt(high))
-            return _path(tracer, _climb(tracer, np.cbrt(high), coarser * tolerance, leaps=soft))
+            if not _go_on(tracer, begun):
+                _start(tracer, np.cbrt(low), np.cbrt(high))
+            worst = _climb(tracer, np.cbrt(high), coarser * tolerance, leaps=soft)
+            return Traced(_path(tracer, worst))
         except StoppedError as stopped:
-            failure = solve_error(tracer, stopped, shown)
+            ended = Traced(
+                _path(tracer, np.inf) if tracer.levels else None,
+                solve_error(tracer, stopped, shown),
+                stopped.shape,
+            )
         except NewtonError as error:
             nowhere = StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
-            raise solve_error(tracer, nowhere, shown) from error
+            return Traced(None, solve_error(tracer, nowhere, shown))
         spent = tracer.work
     if soft:
-        try:
+        with suppress(NewtonError):
             _settle(tracer, np.cbrt(high))
-        except NewtonError as error:
-            raise failure from error
-        return _path(tracer, np.inf)
-    raise failure
+            return Traced(_path(tracer, np.inf))
+    return ended
 
 
-def _check_stiffness(stiffness: Floats, low: float, shown: Mapping[str, float]) -> None:
+def _refused(stiffness: Floats, low: float, shown: Mapping[str, float]) -> SolveError | None:
+    """What is said of a stiffness that no cloth has."""
     d11, d22, d12, d33 = stiffness
-    if not (min(d11, d22, d33) > 0.0 and d11 * d22 > d12**2 and np.isfinite(stiffness).all()):
-        raise SolveError(
-            f"no equilibrium: {Cause.INADMISSIBLE.value}", cause=Cause.INADMISSIBLE, pressure=low,
-            reached=0.0, iteration=0, residual_norm=0.0, parameters=shown,
-        )  # fmt: skip
+    if min(d11, d22, d33) > 0.0 and d11 * d22 > d12**2 and np.isfinite(stiffness).all():
+        return None
+    return SolveError(
+        f"no equilibrium: {Cause.INADMISSIBLE.value}", cause=Cause.INADMISSIBLE, pressure=low,
+        reached=0.0, iteration=0, residual_norm=0.0, parameters=shown,
+    )  # fmt: skip
+
+
+def _go_on(tracer: Tracer, begun: Sequence[tuple[float, Floats]]) -> bool:
+    """Take up levels; False, and none, where there are none or one does not balance."""
+    try:
+        for p, shape in begun:
+            tracer.solve(float(np.cbrt(p)), shape, follow=True, rough=True)
+            tracer.forget()
+    except NewtonError as error:
+        tracer.work += error.work
+        tracer.levels.clear()
+    return bool(tracer.levels)
 
 
 def _start(tracer: Tracer, low: float, high: float) -> None:
@@ -179,7 +257,7 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
 
 def _climb(tracer: Tracer, end: float, tolerance: float, *, leaps: bool) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
-    smallest = _SMALLEST_STEP * end
+    smallest, begun = _SMALLEST_STEP * end, tracer.work
     step = _first_step(tracer.membrane, tracer.stiffness)
     while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
         # equal steps to the end rather than a short last one
@@ -193,8 +271,8 @@ def _climb(tracer: Tracer, end: float, tolerance: float, *, leaps: bool) -> floa
             share = advance(tracer, step, end)
         if tracer.elliptic:
             check_ellipticity(tracer)
-        if len(tracer.levels) <= _MANY:
-            fill(tracer, tolerance, _CLOSEST * end)
+        if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
+            fill(tracer, tolerance, _CLOSEST * end, _MOST)
         error = tracer.error(len(tracer.levels) - 2, AIM * tolerance)
         wanted = (AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s

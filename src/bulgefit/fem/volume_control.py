@@ -26,8 +26,9 @@ __all__ = ["Point", "at_volume", "highest_pressure"]
 
 Floats = NDArray[np.float64]
 
-#: Newton's method converges quadratically from a shape near by, or not at all.
-_ITERATIONS = 10
+#: Newton's method converges quadratically from a shape near by, or not at all. Where wrinkles come
+#: and go, a correction may be longer than the one before it; where two are, it does not contract.
+_ITERATIONS, _LONGER = 10, 2
 #: Parabolas through the pressures about the greatest one: each squares its error.
 _PARABOLAS = 3
 
@@ -67,7 +68,7 @@ def at_volume(
     NewtonError
     """
     displacement, close = membrane.tied(start), CORRECTION * membrane.radius / 100.0
-    before = np.inf
+    before, longer = np.inf, 0
     for iteration in range(1, _ITERATIONS + 1):
         state = membrane.state(displacement, pressure, stiffness)
         if state.tangent is None or not np.isfinite(state.potential):
@@ -93,6 +94,9 @@ def at_volume(
         # what follows a correction is of the order of its square
         if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
             return Point(displacement, pressure, volume, stable, growth > 0.0, iteration)
+        longer += size >= before
+        if longer == _LONGER:
+            break
         before = size
     residual = float(np.abs(state.residual).max())
     raise NewtonError("no convergence at a given volume", iteration, residual, iteration)

@@ -47,18 +47,20 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     if tracer.elliptic and descend:
         descend = tracer.is_elliptic(below.displacement)
     attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
-    # where the last steps failed the next are likely to
+    # what failed in the last step is likely to in the next
+    if descend and tracer.by_descent:
+        attempts = attempts[1:]
     for share, follow in attempts[-1:] if tracer.by_volume else attempts:
         s = last + share * step
         start = tracer.predict(s)
         try:
             tracer.solve(s, start if follow else tracer.lower(start, s), follow=follow)
-            tracer.by_volume = False
+            tracer.by_volume, tracer.by_descent = False, not follow
             return share
         except NewtonError as error:
             failure = error
             tracer.descends &= follow
-    tracer.by_volume = True
+    tracer.by_volume, tracer.by_descent = True, False
     try:
         go_by_volume(tracer, last + min(_SHORTER) * step, failure)
     except StoppedError as stopped:

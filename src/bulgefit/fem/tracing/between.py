@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 AIM, _SURE = 0.1, 0.8
 
 
-def fill(tracer: Tracer, tolerance: float, closest: float) -> None:
-    """Put levels in between until the dense output is within tolerance.
+def fill(tracer: Tracer, tolerance: float, closest: float, most: int) -> None:
+    """Put levels in between until the dense output is within tolerance, or there are `most`.
 
     The newest level changes the stencils of the intervals below it, so these are looked at too.
     Beside a singular tangent there may be no smooth level, and an error remains.
@@ -27,7 +27,7 @@ def fill(tracer: Tracer, tolerance: float, closest: float) -> None:
     singular = set()
     after = len(tracer.levels) - 2
     lowest = max(0, after - STENCIL + 1)
-    while after >= lowest:
+    while after >= lowest and len(tracer.levels) < most:
         low, high = tracer.levels[after].s, tracer.levels[after + 1].s
         error = tracer.error(after, AIM * tolerance)
         done = error <= _SURE * tolerance or high - low < closest or low in singular

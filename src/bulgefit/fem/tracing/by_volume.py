@@ -55,7 +55,7 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
                 reached = np.cbrt(low.pressure)
                 # what lies behind may be found on a branch of lower pressures
                 beyond = max(np.cbrt(high.pressure), reached * (1.0 + BRACKET))
-                raise lost_at(tracer, beyond, reached)
+                raise lost_at(tracer, beyond, reached, low.displacement)
         # falling pressure, or one that has been higher still
         if point.pressure < here.pressure or not point.rises:
             raise _limit(tracer, points, failure)
@@ -69,7 +69,7 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
         growth = min(1.5 * growth, _MOST_GROWTH)
     if tracer.elliptic and not tracer.is_elliptic(points[-1].displacement):
         reached = float(np.cbrt(points[-1].pressure))
-        raise lost_at(tracer, reached * (1.0 + BRACKET), reached)
+        raise lost_at(tracer, reached * (1.0 + BRACKET), reached, points[-1].displacement)
     raise given_up(tracer, failure, last.s)
 
 
@@ -153,7 +153,5 @@ def _limit(tracer: Tracer, points: list[Point], failure: NewtonError) -> Stopped
     """What ends a path at whose last point more volume takes less pressure."""
     best, work = highest_pressure(tracer.membrane, tracer.stiffness, points)
     tracer.work += work
-    s = np.cbrt(best.pressure)
-    return StoppedError(
-        Cause.LIMIT_PRESSURE.value, Cause.LIMIT_PRESSURE, s * (1.0 + BRACKET), s, failure
-    )
+    s, cause = np.cbrt(best.pressure), Cause.LIMIT_PRESSURE
+    return StoppedError(cause.value, cause, s * (1.0 + BRACKET), s, failure, best.displacement)

@@ -20,19 +20,25 @@ BRACKET = 1e-4
 
 
 class StoppedError(ArithmeticError):
-    """A path ends at s, for a cause; equilibrium was reached up to another s."""
+    """A path ends at s, for a cause; equilibrium was reached up to another s, with a shape."""
 
     def __init__(
-        self, reason: str, cause: Cause, s: float, reached: float, error: NewtonError
+        self,
+        reason: str,
+        cause: Cause,
+        s: float,
+        reached: float,
+        error: NewtonError,
+        shape: Floats | None = None,
     ) -> None:
         super().__init__(reason)
         self.reason, self.cause, self.s, self.reached, self.error = reason, cause, s, reached, error
+        self.shape = shape
 
 
-def lost_at(tracer: Tracer, s: float, reached: float) -> StoppedError:
-    return StoppedError(
-        Cause.LOSS_OF_ELLIPTICITY.value, Cause.LOSS_OF_ELLIPTICITY, s, reached, tracer.failure
-    )
+def lost_at(tracer: Tracer, s: float, reached: float, shape: Floats | None = None) -> StoppedError:
+    cause = Cause.LOSS_OF_ELLIPTICITY
+    return StoppedError(cause.value, cause, s, reached, tracer.failure, shape)
 
 
 def given_up(tracer: Tracer, error: NewtonError, s: float) -> StoppedError:
@@ -71,11 +77,11 @@ def check_ellipticity(tracer: Tracer) -> None:
     first = sound.index(False)
     if first == 0:
         raise lost_at(tracer, levels[0].s, 0.0)
-    low, high = levels[first - 1].s, levels[first].s
+    low, high, shape = levels[first - 1].s, levels[first].s, levels[first - 1].displacement
     while high - low > BRACKET * high:
         middle = 0.5 * (low + high)
-        if tracer.is_sound(middle):
-            low = middle
+        if (found := tracer.sound_at(middle)) is not None:
+            low, shape = middle, found
         else:
             high = middle
-    raise lost_at(tracer, high, low)
+    raise lost_at(tracer, high, low, shape)

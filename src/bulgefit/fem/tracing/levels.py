@@ -72,8 +72,9 @@ class Tracer:
         self.closing_in = False
         #: Descent is long where it fails, so it is not tried again then.
         self.descends = True
-        #: Whether the last level was one that no step in pressure had found.
-        self.by_volume = False
+        #: Whether the last level was one that no step in pressure had found, or no search along the
+        #: path.
+        self.by_volume, self.by_descent = False, False
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
@@ -83,8 +84,8 @@ class Tracer:
         """Whether the law is elliptic all over a shape."""
         return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
-    def is_sound(self, s: float) -> bool:
-        """Whether the shape that is balanced from the dense output is stable, or the law elliptic.
+    def sound_at(self, s: float) -> Floats | None:
+        """The shape balanced from the dense output where it is stable, or the law elliptic there.
 
         Of the dense output itself it would not do: where shear is soft, its 3e-4 mm move the
         pressure at which a path turns unstable by a hundredth.
@@ -95,9 +96,10 @@ class Tracer:
             )
         except NewtonError as error:
             self.work += error.work
-            return False
+            return None
         self.work += balance.factorisations
-        return balance.stable or self.is_elliptic(balance.displacement)
+        sound = balance.stable or self.is_elliptic(balance.displacement)
+        return balance.displacement if sound else None
 
     def solve(
         self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
