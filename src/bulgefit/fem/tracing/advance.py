@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,19 +35,20 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
 
     Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
     find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
-    into bands of shear, past the point where the path turns unstable. Where steps in pressure fail,
-    the branch is followed by its volume until pressure can be stepped again, or its greatest
-    pressure is passed. Cloth that is too loose for that is looked for where it is taut. That is a
-    descent as well, so where the law is not elliptic the path ends there.
+    into bands of shear, past the point where the path turns unstable. Where neither these steps nor
+    shorter ones lead on, the branch is followed by its volume until pressure can be stepped again,
+    or its greatest pressure is passed. Cloth that is too loose for that is looked for where it is
+    taut. That is a descent as well, so where the law is not elliptic the path ends there.
 
     Raises
     ------
     StoppedError
     """
     below = tracer.levels[-1]
-    last, descend = below.s, tracer.descends and below.stable and below.wrinkled > 0
-    if tracer.elliptic and descend:
-        descend = tracer.is_elliptic(below.displacement)
+    last, loose = below.s, below.stable and below.wrinkled > 0
+    if tracer.elliptic and loose and (tracer.descends or tracer.creeps):
+        loose = tracer.is_elliptic(below.displacement)
+    descend = loose and tracer.descends
     attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
     # what failed in the last step is likely to in the next
     if descend and tracer.by_descent:
@@ -60,24 +63,29 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
         except NewtonError as error:
             failure = error
             tracer.descends &= follow
+    if loose and tracer.creeps:
+        tracer.creeps = _creep(tracer, _SHORTER_STILL[:1], step, patient=False)
+        if tracer.creeps:
+            return (tracer.levels[-1].s - last) / step
     tracer.by_volume, tracer.by_descent = True, False
     try:
         go_by_volume(tracer, last + min(_SHORTER) * step, failure)
     except StoppedError as stopped:
         if stopped.cause is not Cause.NOT_CONVERGED:
             raise
-        if not (below.wrinkled and (_creep(tracer, step) or _draw_taut(tracer, end))):
+        crept = below.wrinkled > 0 and _creep(tracer, _SHORTER_STILL, step, patient=True)
+        if not (crept or (below.wrinkled > 0 and _draw_taut(tracer, end))):
             raise
     return (tracer.levels[-1].s - last) / step
 
 
-def _creep(tracer: Tracer, step: float) -> bool:
-    """Add a level a part of `step` ahead by descent from the last shape; False: there is none."""
+def _creep(tracer: Tracer, shares: Sequence[float], step: float, *, patient: bool) -> bool:
+    """Add a level a share of `step` ahead by descent from the last shape; False: there is none."""
     last = tracer.levels[-1]
-    for share in _SHORTER_STILL:
+    for share in shares:
         try:
             s = last.s + share * step
-            tracer.solve(s, last.displacement, follow=False, patient=True)
+            tracer.solve(s, last.displacement, follow=False, patient=patient)
             return True
         except NewtonError:
             continue

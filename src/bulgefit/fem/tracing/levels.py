@@ -71,7 +71,7 @@ class Tracer:
         self.wasted = 0
         self.closing_in = False
         #: Descent is long where it fails, so it is not tried again then.
-        self.descends = True
+        self.descends, self.creeps = True, True
         #: Whether the last level was one that no step in pressure had found, or no search along the
         #: path.
         self.by_volume, self.by_descent = False, False
