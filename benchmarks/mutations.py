@@ -323,6 +323,12 @@ MUTANTS = (
         "-np.moveaxis(_bumps(points), -1, 0), strict",
         "effects/test_effects_fields.py",
     ),
+    Mutant(
+        "fem/quarter.py",
+        "return bool(kept.all()) and",
+        "return True or",
+        "fem/test_quarter.py",
+    ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
     Mutant("gap/evidence/search.py", " or self._uncovered(fit, around)", "", EVIDENCE),
     Mutant(
