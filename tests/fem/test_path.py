@@ -433,7 +433,7 @@ def test_volume_leads_to_where_ellipticity_is_lost() -> None:
 
 
 def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
-    """One did from 1.78 to 1.80 bar, where the margin fell by two thirds, and the path went on."""
+    """One did from 1.774 to 1.89 bar, to a shape that is unstable: bands were told at 1.785 bar."""
     heights = (-7.34093183, 6.93603176, 2.32165746, -1.23179184, -7.18763213)
     uneven = _uneven(heights, "hencky", refine=4, compliance=0.07412688842)
     membrane = Membrane(uneven.mesh, 0.81, angle=np.radians(73.96804470), fabric=uneven.fabric)
@@ -441,7 +441,7 @@ def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     with pytest.raises(SolveError) as caught:
         trace(membrane, stiffness)
     assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-    assert caught.value.reached < 0.18
+    assert caught.value.reached == pytest.approx(0.17742, rel=2e-3)
     below = trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached))
     assert below.stable.all()
 
