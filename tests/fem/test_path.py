@@ -446,6 +446,40 @@ def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     assert below.stable.all()
 
 
+@pytest.mark.parametrize("g12", [20.0, 3.0])
+def test_slack_cloth_of_soft_shear_is_traced_as_far_as_it_is_elliptic(g12: float) -> None:
+    """Leaps alone left no estimate of the error, and shapes off by millimetres under 0.05 bar."""
+    stiffness = orthotropic_stiffness(330.0, 210.0, g12, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81, fabric=Fabric(slack=(0.005, 0.002)))
+    assert membrane.fabric.lies_loosely
+    path = trace(membrane, stiffness, beyond_ellipticity=True)
+    assert path.pressure[-1] == pytest.approx(0.3, rel=1e-12)
+    assert path.error_estimate < 1.0
+    for p in (0.001, 0.005, 0.02):
+        balanced = solve(membrane, path(p)[0], p, stiffness, patient=True).displacement
+        assert np.abs(path(p)[0] - balanced).max() < 0.5
+    if g12 < 10.0:
+        with pytest.raises(SolveError) as caught:
+            trace(membrane, stiffness)
+        assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+        within = path.pressure <= caught.value.reached
+        assert path.stable[within].all()
+        assert not path.stable.all()
+
+
+def test_what_lies_loosely() -> None:
+    mesh = disc(100.0, 1)
+    oval = np.column_stack([1.01 * mesh.nodes[:, 0], mesh.nodes[:, 1], np.zeros(len(mesh.nodes))])
+    for fabric, loosely in (
+        (Fabric(), False),
+        (Fabric(slack=(-0.01, 0.0)), False),
+        (Fabric(slack=(-0.01, 0.001)), True),
+        (Fabric(surface=oval), False),
+        (Fabric(surface=np.add(oval, [0.0, 0.0, 0.1])), True),
+    ):
+        assert fabric.lies_loosely == loosely
+
+
 @pytest.mark.parametrize("high", [0.05289, 0.05])
 def test_loose_cloth_is_led_up_in_short_descents(high: float) -> None:
     """A descent from afar ends in bands of shear at pressures that a path leads beyond."""

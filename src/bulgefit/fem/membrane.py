@@ -115,6 +115,12 @@ class Fabric:
         """Whether stress is proportional to strain, by the law's own measure."""
         return self.curve is None and not any((*self.gain, *self.bend))
 
+    @property
+    def lies_loosely(self) -> bool:
+        """Whether light pressures may leave it in folds: it is slack somehow, or not flat."""
+        uneven = self.surface is not None and bool(self.surface[:, 2].any())
+        return uneven or max(self.slack) > 0.0
+
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
         """What the kernels call q, as `laws.potential.PARAMETERS` names it.
 

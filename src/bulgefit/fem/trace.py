@@ -159,6 +159,19 @@ def traced(
         return Traced(None, refused)
     soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
     spent = 0
+    if soft and not begun and membrane.fabric.lies_loosely:
+        # descents find what no leap does, and are sound as far as the law is elliptic
+        within = traced(
+            membrane, stiffness, (low, high), tolerance=tolerance * 100.0 / membrane.radius,
+            sensitivities=sensitivities, parameters=parameters,
+        )  # fmt: skip
+        if within.error is None:
+            return within
+        if within.path is not None:
+            sound = within.path.pressure <= within.error.reached
+            levels = zip(within.path.pressure[sound], within.path.displacement[sound], strict=True)
+            begun = [(float(p), shape) for p, shape in levels]
+            spent = within.path.factorisations
     for coarser in _RESTARTS if soft else (1.0,):
         tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
         tracer.work = spent
