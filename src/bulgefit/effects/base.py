@@ -158,6 +158,15 @@ class Effect:
                 return parameter
         raise KeyError(name)
 
+    def is_hidden_by(self, other: Effect) -> bool:
+        """Whether another effect does to first order what this one does.
+
+        Membranes stretch by the squares of slopes: where pressure lifts a cloth to hardly depends
+        on how high it lay, so a height before inflation shifts what is seen by as much in all
+        frames, as does what the points have moved by in the reference image.
+        """
+        return self.uses("height") and other.uses("at_rest")
+
     def span(self, name: str, value: float) -> tuple[float, float]:
         """Values below and above one of a parameter, to take a difference over."""
         step = self.parameter(name).step

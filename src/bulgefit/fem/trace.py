@@ -154,7 +154,6 @@ def traced(
             f"pressures must satisfy 0 < lowest <= highest, got {10 * low:g} to {10 * high:g} bar"
         )
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
-    tolerance *= membrane.radius / 100.0
     if (refused := _refused(stiffness, low, shown)) is not None:
         return Traced(None, refused)
     soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
@@ -162,16 +161,14 @@ def traced(
     if soft and not begun and membrane.fabric.lies_loosely:
         # descents find what no leap does, and are sound as far as the law is elliptic
         within = traced(
-            membrane, stiffness, (low, high), tolerance=tolerance * 100.0 / membrane.radius,
+            membrane, stiffness, (low, high), tolerance=tolerance,
             sensitivities=sensitivities, parameters=parameters,
         )  # fmt: skip
         if within.error is None:
             return within
         if within.path is not None:
-            sound = within.path.pressure <= within.error.reached
-            levels = zip(within.path.pressure[sound], within.path.displacement[sound], strict=True)
-            begun = [(float(p), shape) for p, shape in levels]
-            spent = within.path.factorisations
+            begun, spent = _reached(within.path, within.error), within.path.factorisations
+    tolerance *= membrane.radius / 100.0
     for coarser in _RESTARTS if soft else (1.0,):
         tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
         tracer.work = spent
@@ -206,6 +203,12 @@ def _refused(stiffness: Floats, low: float, shown: Mapping[str, float]) -> Solve
         f"no equilibrium: {Cause.INADMISSIBLE.value}", cause=Cause.INADMISSIBLE, pressure=low,
         reached=0.0, iteration=0, residual_norm=0.0, parameters=shown,
     )  # fmt: skip
+
+
+def _reached(path: Path, error: SolveError) -> list[tuple[float, Floats]]:
+    """Levels (MPa, (n, 3) array) of a path that ends, up to the pressure that was reached."""
+    levels = zip(path.pressure.tolist(), path.displacement, strict=True)
+    return [(p, shape) for p, shape in levels if p <= error.reached]
 
 
 def _go_on(tracer: Tracer, begun: Sequence[tuple[float, Floats]]) -> bool:

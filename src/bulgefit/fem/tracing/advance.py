@@ -73,8 +73,10 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     except StoppedError as stopped:
         if stopped.cause is not Cause.NOT_CONVERGED:
             raise
-        crept = below.wrinkled > 0 and _creep(tracer, _SHORTER_STILL, step, patient=True)
-        if not (crept or (below.wrinkled > 0 and _draw_taut(tracer, end))):
+        if not below.wrinkled:
+            raise
+        crept = _creep(tracer, _SHORTER_STILL, step, patient=True)
+        if not (crept or _draw_taut(tracer, end)):
             raise
     return (tracer.levels[-1].s - last) / step
 

@@ -114,6 +114,9 @@ class Coordinates:
                 ]
                 add(Owned(effect.id), effect.place, every_one, always=True)
                 continue
+            # a field is called in where something is left, which what it is hidden by leaves not
+            hiding = [other for other in effects if effect.is_hidden_by(other)]
+            hiding = [] if effect.id in fields() else hiding
             common = effect.shared or not several or (same_rig and effect.of_rig)
             for index in [None] if common else range(len(nulls)):
                 own = [_coordinate(effect, p, index, nulls[index or 0]) for p in _stepped(effect)]
@@ -122,7 +125,7 @@ class Coordinates:
                     effect.place,
                     own,
                     forms=_forms(effect),
-                    hidden_by=tuple(Owned(other.id, index) for other in _hiding(effect, effects)),
+                    hidden_by=tuple(Owned(other.id, index) for other in hiding),
                 )
         return cls(tuple(groups), tuple(every))
 
@@ -153,19 +156,6 @@ def _moduli(priors: Mapping[str, tuple[float, float]]) -> list[Coordinate]:
             Coordinate(Key.of(name), parameter, math.log(middle), spread / middle, -math.inf)
         )
     return own
-
-
-def _hiding(effect: Effect, others: Sequence[Effect]) -> list[Effect]:
-    """Effects that do to first order what a height before inflation does.
-
-    Membranes stretch by the squares of slopes: where pressure lifts a cloth to hardly depends on
-    how high it lay, so a height shifts what is seen by as much in all frames, as does what the
-    points have moved by in the reference image. A field is called in where something is left; this
-    leaves nothing.
-    """
-    if not effect.uses("height") or effect.id in fields():
-        return []
-    return [other for other in others if other.uses("at_rest")]
 
 
 def _stepped(effect: Effect) -> list[Parameter]:
