@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.registry import catalogue
 from bulgefit.gap.data import Data
+from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.creases import Creases
+from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.problem import Layout
+from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.explain import _Trial
 from bulgefit.gap.specimen import Specimen
 
 SIGMA = np.array([0.005, 0.005, 0.04])
@@ -105,3 +112,35 @@ def test_what_grows_with_pressure_is_no_crease() -> None:
     assert Creases.likeliest(data, nothing) is not None
     load = np.cbrt(data.specimen.recorded / data.specimen.recorded.max())
     assert Creases.likeliest(data, offset * (1.0 - load[:, None, None])) is None
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05])
+def test_they_are_let_go_where_the_best_model_can_do_without(
+    made_by_the_model: Callable[..., Data], size: float
+) -> None:
+    """They may have let it be found; what they are worth is told beside it."""
+    moduli = {"E1": 340.0, "E2": 210.0, "G12": 16.0}
+    data = made_by_the_model({**moduli, "clamp_slip.compliance": 0.01}, 14.0, frames=8, seed=6)
+    (block,) = data.specimen.test.blocks
+    offset = size * np.random.default_rng(7).normal(size=block.reference.shape)
+    test = BulgeTest.from_arrays(
+        block.reference, block.displacement + offset, data.specimen.test.pressure
+    )
+    data = replace(data, specimen=data.specimen.of(test))
+    coordinates = Coordinates.of([catalogue()["clamp_slip"]], [data.specimen.nulls()])
+    layout = Layout.of(coordinates.groups)
+    weighing = Weighing([data], coordinates, [Creases.of(data, np.full(3, 0.05), 0.0)])
+    start = np.array(layout.null)
+    start[:3] = np.log(list(moduli.values()))
+    fit = descend(weighing, layout, layout.whole(), start)
+    trial = _Trial.of(weighing, layout, fit, start, lambda _: None)
+    trial.search.fits[fit.model] = fit
+    found, worth = trial.with_offsets_if_worth(1e3)
+    if size:
+        assert found is trial
+        assert worth == 1e3
+    else:
+        assert worth == 0.0
+        assert found.search.problem.offsets is None
+        assert found.score < trial.score
+        assert found.search.best.model == fit.model

@@ -15,6 +15,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
+from bulgefit.gap.evidence.amplitude import amplitudes
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
@@ -897,6 +898,78 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
     search.closely()
     assert search.best.model == freeze({lift: 0})
     assert np.cos(search.best.x[1] - side) > 0.999
+
+
+def test_what_two_groups_stand_for_is_found_where_one_of_them_is_gone():
+    """Beside both it does nothing, so no forecast sees it: in the place of one it does all."""
+    first, second = np.linalg.qr(np.random.default_rng(3).normal(size=(60, 2)))[0].T * 30.0
+    both = first + second
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        left = 1.0 - x[0] * x[1]
+        value = x[0] * first + x[1] * second + x[2] * left * both
+        rows = [first - x[2] * x[1] * both, second - x[2] * x[0] * both, left * both]
+        return value, np.stack(rows, axis=1)
+
+    search = searched(Known([group(name, [1.0]) for name in ("one", "other", "true")], both, curve))
+    stands = search.fit(freeze({"one": 0, "other": 0}), np.ones(3))
+    assert search.improved(stands) is stands
+    search.closely(instead=())
+    assert search.best.model == stands.model
+    search.closely()
+    assert search.best.model == freeze({"true": 0})
+
+
+def of_bumps(effect: float, size: float, seed: int) -> tuple[Known, np.ndarray, np.ndarray]:
+    """A field of 30 bumps of a size, and an effect that is a direction in it."""
+    rng = np.random.default_rng(seed)
+    bumps = rng.normal(size=(400, 30))
+    rows = np.column_stack([bumps, bumps @ np.linspace(-1.0, 1.0, 30)])
+    truth = np.append(size * rng.normal(size=30), effect)
+    measured = rows @ truth + rng.normal(size=400)
+    groups = [group("field", [10.0] * 30), group("effect", [1.0])]
+    return linear(groups, rows, measured), rows, measured
+
+
+@pytest.mark.parametrize("size", [0.3, 3.0])
+def test_a_fields_size_is_the_likeliest_of_the_data(size: float):
+    """By the marginal likelihood, a Gaussian of the data alone; and near that it was drawn with."""
+    problem, rows, measured = of_bumps(0.0, size, seed=8)
+    layout, model = Layout.of(problem.groups), freeze({"field": 0})
+    fit = descend(problem, layout, model, np.zeros(31))
+    found = amplitudes(fit.here, layout, ["field"], problem.inflation)["field"]
+    assert 10.0 * found == pytest.approx(size, rel=0.3)
+
+    def lost(factor: float) -> float:
+        problem.groups[0] = layout.groups["field"].scaled(factor)
+        return marginal(problem, rows, layout.columns(model), measured)
+
+    assert lost(found) < min(lost(0.95 * found), lost(found / 0.95))
+
+
+def test_a_field_that_is_nowhere_goes_to_nothing_beside_one_that_is():
+    rng = np.random.default_rng(2)
+    rows = rng.normal(size=(400, 40))
+    measured = rows[:, :20] @ rng.normal(size=20) + rng.normal(size=400)
+    problem = linear([group("here", [5.0] * 20), group("nowhere", [5.0] * 20)], rows, measured)
+    layout = Layout.of(problem.groups)
+    fit = descend(problem, layout, layout.whole(), np.zeros(40))
+    found = amplitudes(fit.here, layout, ["here", "nowhere"], problem.inflation)
+    assert found["here"] == pytest.approx(0.2, rel=0.4)
+    assert found["nowhere"] < 0.02
+
+
+def test_an_effect_in_a_field_is_seen_once_that_is_as_large_as_it_is():
+    """By a field ten times too wide it costs more than it saves."""
+    problem, _, _ = of_bumps(1.0, 0.3, seed=5)
+    layout, alone, both = Layout.of(problem.groups), freeze({"field": 0}), {"field": 0, "effect": 0}
+    fit = descend(problem, layout, alone, np.zeros(31))
+    assert descend(problem, layout, freeze(both), np.zeros(31)).score > fit.score
+    scaled = layout.scaled(amplitudes(fit.here, layout, ["field"], problem.inflation))
+    alone_now, with_it = (
+        descend(problem, scaled, freeze(forms), np.zeros(31)) for forms in ({"field": 0}, both)
+    )
+    assert with_it.score < alone_now.score - 6.0
 
 
 class Edge(Known):

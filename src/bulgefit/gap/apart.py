@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
@@ -40,18 +40,28 @@ def taken_apart(
     final: Regression,
     baseline: Regression,
     executor: Executor,
+    known: Mapping[Model, Fit],
 ) -> tuple[list[Owned], dict[Owned, Regression | None], list[Step]]:
-    """Groups by what they take off, the model without each, and the way there from the moduli."""
+    """Groups by what they take off, the model without each, and the way there from the moduli.
+
+    Smaller models that the search has been at, over fewer points, are gone on with from there.
+    """
     names = sorted(name for name, _ in fit.model)
-    beside = (weighing, layout, fit.x, fit.here.near)
+
+    def begun(model: Model) -> tuple[Model, Floats, object]:
+        start = known.get(model, fit)
+        return model, start.x, start.here.near
+
     creased = weighing.offsets is not None
     scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
     more = creased or bool(scattering)
-    alone = (_refit(beside, freeze({})) or baseline) if more and names else baseline
+    beside = (weighing, layout)
+    alone = (_refit(beside, begun(freeze({}))) or baseline) if more and names else baseline
 
     rests: list[Regression | None] = [alone] * len(names)
     if len(names) > 1:
-        rests = spread(executor, _refit, beside, [_less(fit.model, [name]) for name in names])
+        less = [begun(_less(fit.model, [name])) for name in names]
+        rests = spread(executor, _refit, beside, less)
     without = dict(zip(names, rests, strict=True))
 
     def worth(name: Owned) -> float:
@@ -99,10 +109,10 @@ def _between(
 
 
 def _refit(
-    shared: tuple[Weighing, Layout, Floats, Sequence[object]], model: Model
+    shared: tuple[Weighing, Layout], begun: tuple[Model, Floats, object]
 ) -> Regression | None:
-    """A smaller model, from where the larger one stands; None where nothing balances."""
-    weighing, layout, x, near = shared
+    """A smaller model, from where it is begun; None where nothing balances."""
+    (weighing, layout), (model, x, near) = shared, begun
     # what a specimen remembers of earlier solves differs from process to process, in the last bits
     weighing = weighing.afresh()
     with one_blas_thread():

@@ -18,10 +18,8 @@ from bulgefit.errors import SolveError
 from bulgefit.gap.apart import refitted, taken_apart
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
-from bulgefit.gap.evidence.coordinates import (
-    Coordinates,
-    is_field,
-)
+from bulgefit.gap.evidence.amplitude import amplitudes
+from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
@@ -113,7 +111,7 @@ def explain(
     search, creases_worth = _searched(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
-    found = search.best
+    found, layout, coordinates = search.best, search.layout, search.problem.coordinates
     pace.begins(Stage.POINTS)
     say("the best model, by all points")
     for index, p in enumerate(prepared):
@@ -130,7 +128,9 @@ def explain(
     chances = weighed(search.scores(left), search.names)
     pace.begins(Stage.PARTS)
     say("the model without each of its parts")
-    groups, without, steps = taken_apart(weighing, layout, fit, final, baseline, executor)
+    groups, without, steps = taken_apart(
+        weighing, layout, fit, final, baseline, executor, search.fits
+    )
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
@@ -250,6 +250,7 @@ def _searched(
             fix_units(p, found.search.best.here.near[index])
         # what came before is not asked any more, and gives its memory back
         found = found.anew(_thinned([p.data for p in prepared]))
+        found, worth = found.with_offsets_if_worth(worth)
         found = settle(found)
     return found.search, worth
 
@@ -360,6 +361,28 @@ class _Trial:
         search = replace(search, share=0.0)
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
+    def with_offsets_if_worth(self, before: float) -> tuple[_Trial, float]:
+        """The best model beside offsets of the points or not, and what -2 ln Z falls by with them.
+
+        They may have let it be found, and be worth nothing beside it.
+
+        Parameters
+        ----------
+        before : float
+            What they were worth when it was found, at most.
+        """
+        best, beside = self.search.best, self.search
+        if beside.problem.offsets is None:
+            return self, before
+        search = replace(beside, problem=beside.problem.smooth(), fits={}, renewed=set())
+        hope = beside.as_good(best, best.model, best.here) + beside.problem.cost
+        if search.fit(best.model, best.x, best.here.near, roughly=True, hope=hope) is None:
+            return self, before
+        worth = min(before, search.best.score - self.score)
+        if worth > 0.0:
+            return self, worth
+        return replace(self, search=search, ways=replace(self.ways, search=search)), 0.0
+
     def finished(self) -> _Trial:
         """What else may be, where nothing is left: fewer effects, or a field in their place.
 
@@ -369,7 +392,7 @@ class _Trial:
             self.ways.from_below()
         self.search.improved(self.search.best)
         self.ways.from_fields()
-        self.search.closely()
+        self.search.closely(self.ways.named)
         return self
 
     def anew(self, data: Sequence[Data]) -> _Trial:
@@ -394,7 +417,7 @@ class _Trial:
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             best = search.fit(best.model, best.x, best.here.near) or best
         search.improved(best)
-        search.closely()
+        search.closely(self.ways.named)
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
     def settled(self) -> _Trial:
@@ -403,16 +426,31 @@ class _Trial:
         What is left is told by the smallest model that is reached: told by each that follows, it
         would shrink with every effect that takes some of it, and let the next one in.
         """
-        told = self.search.best
+        sized = self._sized()
+        told = sized.search.best
         while True:
-            search = self._beside(told)
+            search = sized._beside(told)
             best = search.improved(search.best)
             if (smaller := search.layout.common(told.model, best.model)) == told.model:
                 break
-            if (less := self.search.fit(smaller, best.x, best.here.near)) is None:
+            if (less := sized.search.fit(smaller, best.x, best.here.near)) is None:
                 break
             told = less
-        search.closely()
+        search.closely(self.ways.named)
+        return replace(sized, search=search, ways=replace(sized.ways, search=search))
+
+    def _sized(self) -> _Trial:
+        """The best model with its fields as large as the evidence finds them (`amplitudes`)."""
+        best, search = self.search.best, self.search
+        found = [name for name, _ in best.model if is_field(name)]
+        if not found:
+            return self
+        factors = amplitudes(best.here, search.layout, found, search.problem.inflation)
+        problem = search.problem.within(search.problem.coordinates.scaled(factors))
+        layout = search.layout.scaled(factors)
+        search = replace(search, problem=problem, layout=layout, fits={}, renewed=set())
+        if search.fit(best.model, best.x, best.here.near) is None:
+            return self
         return replace(self, search=search, ways=replace(self.ways, search=search))
 
     def _beside(self, fit: Fit) -> Search[Weighing]:

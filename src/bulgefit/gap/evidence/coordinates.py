@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,13 @@ class Coordinates:
                     hidden_by=tuple(Owned(other.id, index) for other in hiding),
                 )
         return cls(tuple(groups), tuple(every))
+
+    def scaled(self, factors: Mapping[Owned, float]) -> Coordinates:
+        """The same with the prior widths of some groups times a factor."""
+        groups = tuple(g.scaled(factors.get(g.id, 1.0)) for g in self.groups)
+        widths = np.concatenate([g.width for g in groups])
+        every = (replace(c, width=float(w)) for c, w in zip(self.every, widths, strict=True))
+        return Coordinates(groups, tuple(every))
 
     def values(self, x: Floats, index: int) -> dict[str, float]:
         """Parameters of one specimen by their names; those at their null are left out."""

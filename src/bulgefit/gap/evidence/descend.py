@@ -113,8 +113,9 @@ def descend(
     share : float
         Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
     hope : float, optional
-        Stop where gains fall, and the steps that are left would not lead down to this |r|²/v +
-        Σ((x - n)/s)² if each gained as much as the last.
+        Stop where |r|²/v + Σ((x - n)/s)² is on its way to more than this: twice in a row gains that
+        go on falling as they did would not lead down to it (Aitken, 1926, "On Bernoulli's numerical
+        solution of algebraic equations").
 
     Raises
     ------
@@ -126,7 +127,7 @@ def descend(
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
     least = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
-    reach, converged, taken, last = _REACH, False, 1, np.inf
+    reach, converged, taken, last, hopeless = _REACH, False, 1, np.inf, 0
     noise = problem.count / problem.inflation
     while taken < steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
@@ -156,14 +157,22 @@ def descend(
             value -= gained
             if gained < share * (value - noise):
                 break
-            if hope is not None and gained < last and gained * (steps - taken) < value - hope:
-                break
+            if hope is not None:
+                hopeless = hopeless + 1 if _ahead(gained, last) < value - hope else 0
+                if hopeless == 2:
+                    break
             last = gained
     found = laplace(here, layout, columns, problem.inflation)
     # where a step that was not taken would lead is no evidence
     score = found.score if converged else found.score + found.ahead
     score += layout.believed(model)
     return Fit(model, here.light(), score, found.covariance, converged, taken)
+
+
+def _ahead(gained: float, last: float) -> float:
+    """What all steps from here on gain, each as large a share of the one before as this one."""
+    share = gained / last
+    return gained * share / (1.0 - share) if 0.0 < share < 1.0 else np.inf
 
 
 def _slopes(problem: Problem, landed: Linearised) -> Linearised | None:

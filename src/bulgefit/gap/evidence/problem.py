@@ -74,6 +74,10 @@ class Group:
         """The forms, also where none were named."""
         return self.forms or (tuple(range(len(self.null))),)
 
+    def scaled(self, factor: float) -> Group:
+        """The same with another prior width."""
+        return replace(self, width=factor * self.width) if factor != 1.0 else self
+
     def below(self, form: int) -> list[int]:
         """The largest forms that a form contains: those that no other one stands between."""
         parts = [set(shape) for shape in self.shapes]
@@ -235,6 +239,11 @@ class Layout:
     def of(cls, groups: Iterable[Group]) -> Layout:
         """Of groups in their order."""
         return cls({group.id: group for group in groups})
+
+    def scaled(self, factors: Mapping[Owned, float]) -> Layout:
+        """The same with the prior widths of some groups times a factor."""
+        groups = (g.scaled(factors.get(name, 1.0)) for name, g in self.groups.items())
+        return Layout.of(groups)
 
     def columns(self, model: Model) -> Columns:
         """Coordinates of a model, ascending; those of every model among them."""

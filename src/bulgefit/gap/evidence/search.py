@@ -6,7 +6,7 @@ solve; what looks best is refitted, and what was refitted is what counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -199,11 +199,16 @@ class Search(Generic[Kind]):
             fit = better
         return fit
 
-    def closely(self) -> None:
+    def closely(self, instead: Collection[Owned] | None = None) -> None:
         """The best model as near as can be, and what raises the evidence from there.
 
         Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that
         are at their nulls at the bottom of a bent one may look needed.
+
+        Parameters
+        ----------
+        instead : collection of Owned, optional
+            Groups that are tried in the place of one that is gone; default: all.
         """
         close = replace(self, roughly=False)
         settled, last = set[Model](), None
@@ -215,7 +220,10 @@ class Search(Generic[Kind]):
             if self.best is found:
                 close.improved(found)
             if self.best is found:
-                last = self._without_each(found, last)
+                own = {*(self.names if instead is None else instead), *dict(best.model)}
+                names = tuple(n for n in self.names if n in own)
+                rough = replace(self, roughly=True, share=GROWN, names=names)
+                last = rough._without_each(found, last)
 
     def _without_each(self, fit: Fit, last: Owned | None) -> Owned | None:
         """Drops from a fit, each fitted, until one of them is the best model: that of which group.
@@ -224,10 +232,9 @@ class Search(Generic[Kind]):
         model before comes after what was not.
 
         A group may hold the others in a valley that none of them would stay in: what they would do
-        without it is on the other side, and no forecast sees it. Nor does one see what is periodic
-        in the place of a group: as long as that is there, no side takes off more than another.
+        without it is on the other side, and no forecast sees it. Nor does one see what would do in
+        the place of a group far from where that is absent.
         """
-        rough = replace(self, roughly=True, share=GROWN)
 
         def changed(model: Model) -> Owned:
             return next(iter(fit.model - model))[0]
@@ -235,43 +242,43 @@ class Search(Generic[Kind]):
         for model in sorted(
             self._smaller(fit.model), key=lambda m: last is not None and changed(m) <= last
         ):
-            less = rough.fit(model, fit.x, fit.here.near, hope=self._as_good(fit, model))
-            gone = set(dict(fit.model)) - set(dict(model))
-            if self.best is fit and less is not None:
-                for name in gone:
-                    rough._turned_in_place(less, name)
+            hope = self.as_good(fit, model, fit.here)
+            less = self.fit(model, fit.x, fit.here.near, hope=hope)
+            if self.best is fit and less is not None and len(model) < len(fit.model):
+                self._in_place(less, changed(model), fit)
             if self.best is not fit:
                 return changed(model)
         return None
 
-    def _as_good(self, fit: Fit, smaller: Model) -> float:
-        """|r|²/v + Σ((x - n)/s)² by which a smaller model would have as much evidence as a fit."""
-        columns, inflation = self.layout.columns(smaller), self.problem.inflation
-        value, _, _ = quadratic(fit.here, self.layout, columns, inflation)
-        forecast = laplace(fit.here, self.layout, columns, inflation)
-        volume = forecast.score + forecast.ahead - value
-        return fit.score - volume - self.layout.believed(smaller)
+    def _in_place(self, less: Fit, gone: Owned, fit: Fit) -> None:
+        """What takes most off the misfit in the place of a group that is gone, fitted.
 
-    def _turned_in_place(self, less: Fit, gone: Owned) -> None:
-        """What is periodic, and its specimen's, fitted in the place of a group that is gone.
-
-        Unless twice of what it takes off there would not do: the best of four sides is an eighth of
-        a turn from the right one, at most, and takes off half as much as that, at least.
+        Unless twice of that would not do: the best of four sides of what is periodic is an eighth
+        of a turn from the right one, at most, and takes off half as much as that, at least.
         """
-        whole = self.layout.whole(self.names)
-        for name, at in self.layout.turning(whole - self._of(less.model)):
-            if name != gone and name.specimen in (None, gone.specimen):
-                x = min(self.layout.sides(less.x, at), key=partial(self._left, less, int(at)))
-                if less.score - 2.0 * self._with_governor(less, at, x) < self.best.score:
-                    self.fit(less.model | self.layout.whole([name]), x, less.here.near)
+        if (around := self.seen_around(less)) is None:
+            return
+        forecast = self._forecasts(around, less.model)
+        here, found = forecast(less.model), list[tuple[float, Model]]()
+        for model in self._larger(less.model):
+            if gone not in dict(model) and len(model) > len(less.model):
+                found.append((here - forecast(model), model))
+        gain, model = max(found, key=lambda f: f[0], default=(0.0, less.model))
+        if less.score - 2.0 * gain < fit.score:
+            columns, inflation = self.layout.columns(model), self.problem.inflation
+            start = laplace(around, self.layout, columns, inflation).x
+            self.fit(model, start, around.near, hope=self.as_good(fit, model, around))
 
-    def _with_governor(self, fit: Fit, at: int, x: Floats) -> float:
-        """What a coordinate's governor and all that a fit has take off -2 ln Z from one side."""
-        columns = np.union1d(self.layout.columns(fit.model), self.layout.governor[at])
-        with suppress(SolveError):
-            here = self.problem.linearise(x, columns, fit.here.near)
-            return laplace(here, self.layout, columns, self.problem.inflation).ahead
-        return 0.0
+    def as_good(self, fit: Fit, model: Model, here: Linearised) -> float:
+        """|r|²/v + Σ((x - n)/s)² by which a model would have as much evidence as a fit.
+
+        With the covariance that it has by the misfit `here`.
+        """
+        columns, inflation = self.layout.columns(model), self.problem.inflation
+        value, _, _ = quadratic(here, self.layout, columns, inflation)
+        forecast = laplace(here, self.layout, columns, inflation)
+        volume = forecast.score + forecast.ahead - value
+        return fit.score - volume - self.layout.believed(model)
 
     def scores(self, temper: float) -> dict[Model, float]:
         """Of every model that was fitted, and of those whose share counts by forecast.

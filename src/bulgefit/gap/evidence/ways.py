@@ -48,10 +48,14 @@ class Ways(Generic[Kind]):
     origin: Floats | None = None
 
     @property
+    def named(self) -> tuple[Owned, ...]:
+        """Groups without the fields."""
+        return tuple(n for n in self.search.names if n not in self.fields)
+
+    @property
     def _named(self) -> Search[Kind]:
         """The same search without fields; what it fits counts for both."""
-        names = tuple(n for n in self.search.names if n not in self.fields)
-        return replace(self.search, names=names)
+        return replace(self.search, names=self.named)
 
     def by_elimination(self, hopeful: Callable[[], bool] = lambda: True) -> None:
         """Everything but the fields is freed at once, and thinned.
@@ -123,7 +127,7 @@ class Ways(Generic[Kind]):
         whole = layout.whole(self.search.names)
         origin = self.start if self.origin is None else self.origin
         starts = [(origin, None), (self.start, self.near)]
-        if (first := self.search.fits.get(layout.whole(self._named.names))) is not None:
+        if (first := self.search.fits.get(layout.whole(self.named))) is not None:
             starts[1] = (first.x, first.here.near)
         rough = self.search if thorough else replace(self.search, share=GROWN)
         for start, near in starts:

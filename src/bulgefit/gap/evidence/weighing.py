@@ -88,6 +88,12 @@ class Weighing:
             data, self.coordinates, self.offsets, self.tempered, self.misfits, self.excess
         )
 
+    def within(self, coordinates: Coordinates) -> Weighing:
+        """The same within other priors."""
+        return Weighing(
+            self.data, coordinates, self.offsets, self.tempered, self.misfits, self.excess
+        )
+
     def smooth(self) -> Weighing:
         """The same without offsets of the points."""
         return Weighing(self.data, self.coordinates, None, self.tempered, self.misfits, self.excess)
