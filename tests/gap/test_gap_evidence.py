@@ -907,17 +907,23 @@ def test_what_two_groups_stand_for_is_found_where_one_of_them_is_gone():
 
     def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         left = 1.0 - x[0] * x[1]
-        value = x[0] * first + x[1] * second + x[2] * left * both
-        rows = [first - x[2] * x[1] * both, second - x[2] * x[0] * both, left * both]
+        value = x[0] ** 3 * first + x[1] ** 3 * second + x[2] * left * both
+        rows = [
+            3.0 * x[0] ** 2 * first - x[2] * x[1] * both,
+            3.0 * x[1] ** 2 * second - x[2] * x[0] * both,
+            left * both,
+        ]
         return value, np.stack(rows, axis=1)
 
-    search = searched(Known([group(name, [1.0]) for name in ("one", "other", "true")], both, curve))
-    stands = search.fit(freeze({"one": 0, "other": 0}), np.ones(3))
+    one, other, true = (Owned(name) for name in ("one", "other", "true"))
+    groups = [replace(group(str(name), [1.0]), id=name) for name in (one, other, true)]
+    search = searched(Known(groups, both, curve))
+    stands = search.fit(freeze({one: 0, other: 0}), np.ones(3))
     assert search.improved(stands) is stands
     search.closely(instead=())
     assert search.best.model == stands.model
     search.closely()
-    assert search.best.model == freeze({"true": 0})
+    assert search.best.model == freeze({true: 0})
 
 
 def of_bumps(effect: float, size: float, seed: int) -> tuple[Known, np.ndarray, np.ndarray]:
@@ -989,9 +995,10 @@ def test_what_ends_on_the_edge_of_stability_is_kept():
     rng = np.random.default_rng(5)
     rows = rng.normal(size=(30, 4))
     measured = rows @ [2.0, 0.0, 0.0, 1.5] + 0.1 * rng.normal(size=30)
-    problem = Edge([group(n, [1.0]) for n in "abcd"], measured, lambda x: (rows @ x, rows))
-    search = searched(problem)
-    fit = search.fit(freeze({"a": 0, "d": 0}), np.zeros(4))
+    a, b, c, d = (Owned(name) for name in "abcd")
+    groups = [replace(group(str(n), [1.0]), id=n) for n in (a, b, c, d)]
+    search = searched(Edge(groups, measured, lambda x: (rows @ x, rows)))
+    fit = search.fit(freeze({a: 0, d: 0}), np.zeros(4))
     assert search.improved(fit) is fit
     assert search.promise(fit) == fit.score
     search.closely()
@@ -1018,15 +1025,14 @@ def test_drops_go_round() -> None:
     rng = np.random.default_rng(5)
     rows = rng.normal(size=(60, 7))
     measured = rows @ [2.0, 3.0, -2.0, 0.0, 0.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
-    problem = Narrow(
-        [group(n, [1.0]) for n in "abcdefg"], measured, lambda x: (rows @ x, rows), inflation=0.01
-    )
-    search = searched(problem)
-    search.fit(freeze(dict.fromkeys("abcdef", 0)), np.zeros(7))
+    names = [Owned(n) for n in "abcdefg"]
+    groups = [replace(group(str(n), [1.0]), id=n) for n in names]
+    search = searched(Narrow(groups, measured, lambda x: (rows @ x, rows), inflation=0.01))
+    search.fit(freeze(dict.fromkeys(names[:6], 0)), np.zeros(7))
     tried: list[str] = []
     search.say = tried.append
     search.closely()
-    assert search.best.model == freeze(dict.fromkeys("abc", 0))
+    assert search.best.model == freeze(dict.fromkeys(names[:3], 0))
     whole = ["bcdef", "acdef", "abdef", "abcef", "abcf", "abc", "bc", "ac", "ab"]
     assert tried == [" + ".join(names) for names in whole]
 

@@ -245,25 +245,45 @@ class Search(Generic[Kind]):
             hope = self.as_good(fit, model, fit.here)
             less = self.fit(model, fit.x, fit.here.near, hope=hope)
             if self.best is fit and less is not None and len(model) < len(fit.model):
-                self._in_place(less, changed(model), fit)
+                instead = self._instead(less, changed(model), fit)
+                replace(self, names=instead)._in_place(less, fit)
             if self.best is not fit:
                 return changed(model)
         return None
 
-    def _in_place(self, less: Fit, gone: Owned, fit: Fit) -> None:
-        """What takes most off the misfit in the place of a group that is gone, fitted.
+    def _instead(self, less: Fit, gone: Owned, fit: Fit) -> tuple[Owned, ...]:
+        """Groups whose worth in the place of one that is gone no forecast from the fit tells.
+
+        All, where that took twice or half as much off as was forecast; else what is periodic. Those
+        of the specimen that it was of, and what was left.
+        """
+        columns, left = self.layout.columns(less.model), dict(less.model)
+        forecast = laplace(fit.here, self.layout, columns, self.problem.inflation).score
+        share = (less.score - fit.score) / (forecast + self.layout.believed(less.model) - fit.score)
+        turning = {name for name, _ in self.layout.turning(self.layout.whole(self.names))}
+        return tuple(
+            name
+            for name in self.names
+            if name in left
+            or (
+                name != gone
+                and name.specimen in (None, gone.specimen)
+                and (name in turning or not 0.5 < share < 2.0)
+            )
+        )
+
+    def _in_place(self, less: Fit, fit: Fit) -> None:
+        """What takes most off the misfit of a fit without one of its groups, fitted beside it.
 
         Unless twice of that would not do: the best of four sides of what is periodic is an eighth
         of a turn from the right one, at most, and takes off half as much as that, at least.
         """
-        if (around := self.seen_around(less)) is None:
+        more = [m for m in self._larger(less.model) if len(m) > len(less.model)]
+        if not more or (around := self.seen_around(less)) is None:
             return
         forecast = self._forecasts(around, less.model)
-        here, found = forecast(less.model), list[tuple[float, Model]]()
-        for model in self._larger(less.model):
-            if gone not in dict(model) and len(model) > len(less.model):
-                found.append((here - forecast(model), model))
-        gain, model = max(found, key=lambda f: f[0], default=(0.0, less.model))
+        score, model = min(((forecast(m), m) for m in more), key=lambda found: found[0])
+        gain = forecast(less.model) - score
         if less.score - 2.0 * gain < fit.score:
             columns, inflation = self.layout.columns(model), self.problem.inflation
             start = laplace(around, self.layout, columns, inflation).x
@@ -433,7 +453,8 @@ class Search(Generic[Kind]):
         for name, at in self.layout.turning(fit.model):
             larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
             for start in list(self.layout.sides(fit.x, at))[1:]:
-                found = self.fit(larger, start)
+                # what it does from there, be it no better than from where it was fitted before
+                found = replace(self, fits={}).fit(larger, start)
                 if found is not None and found.here.square <= fit.here.square:
                     better = self._rid(found)
                     if better.score < fit.score:
