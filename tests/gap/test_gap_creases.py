@@ -10,13 +10,13 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.registry import catalogue
+from bulgefit.gap.attempt import Attempt
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.explain import _Trial
 from bulgefit.gap.specimen import Specimen
 
 SIGMA = np.array([0.005, 0.005, 0.04])
@@ -133,7 +133,7 @@ def test_they_are_let_go_where_the_best_model_can_do_without(
     start = np.array(layout.null)
     start[:3] = np.log(list(moduli.values()))
     fit = descend(weighing, layout, layout.whole(), start)
-    trial = _Trial.of(weighing, layout, fit, start, lambda _: None)
+    trial = Attempt.of(weighing, layout, fit, start, lambda _: None)
     trial.search.fits[fit.model] = fit
     found, worth = trial.with_offsets_if_worth(1e3)
     if size:

@@ -16,8 +16,7 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap import apart
-from bulgefit.gap import explain as explain_module
+from bulgefit.gap import apart, course, explain
 from bulgefit.gap.caveats import left_of_the_mesh, left_out
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
@@ -80,13 +79,14 @@ def test_a_clean_test_has_no_cause() -> None:
 def test_units_are_fixed_anew_where_the_search_comes_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mesh's error is that of the moduli, which are per cents off with everything freed."""
     fixed = list[dict[str, float]]()
-    true = explain_module.fix_units
+    true = explain.fix_units
 
     def spied(prepared: Prepared, shapes: Shapes) -> None:
         fixed.append(dict(shapes.values))
         true(prepared, shapes)
 
-    monkeypatch.setattr(explain_module, "fix_units", spied)
+    for module in (explain, course):
+        monkeypatch.setattr(module, "fix_units", spied)
     diagnose(made({"clamp_slip.compliance": 0.02}), effects=CANDIDATES)
     first, last = ([abs(v[n] / MODULI[n] - 1.0) for n in ("E1", "E2")] for v in fixed)
     assert max(last) < 0.001 < max(first)

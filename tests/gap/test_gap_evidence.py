@@ -16,10 +16,12 @@ from scipy.stats import multivariate_normal, norm
 from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.amplitude import amplitudes
+from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
+from bulgefit.gap.evidence.neighbours import smaller
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, freeze
@@ -760,7 +762,7 @@ def test_what_is_needed_on_a_slope_alone_is_let_go():
     whole = search.layout.whole()
     search.fits[whole] = descend(problem, search.layout, whole, np.zeros(2), steps=1)
     assert search.improved(search.best).model == whole
-    search.closely()
+    closely(search)
     assert search.best.converged
     assert search.best.model == freeze({})
     assert search.best.x[0] == pytest.approx(0.8, abs=0.02)
@@ -895,7 +897,7 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
     stands = np.zeros(10)
     stands[3:8] = 0.8 * np.array([np.cos(side) / 2, np.sin(side) / 2, 1 / np.pi, 0.0, 0.0])
     search.fit(freeze({tilt: 0, Owned("waves"): 0}), stands)
-    search.closely()
+    closely(search)
     assert search.best.model == freeze({lift: 0})
     assert np.cos(search.best.x[1] - side) > 0.999
 
@@ -920,9 +922,9 @@ def test_what_two_groups_stand_for_is_found_where_one_of_them_is_gone():
     search = searched(Known(groups, both, curve))
     stands = search.fit(freeze({one: 0, other: 0}), np.ones(3))
     assert search.improved(stands) is stands
-    search.closely(instead=())
+    closely(search, instead=())
     assert search.best.model == stands.model
-    search.closely()
+    closely(search)
     assert search.best.model == freeze({true: 0})
 
 
@@ -1001,7 +1003,7 @@ def test_what_ends_on_the_edge_of_stability_is_kept():
     fit = search.fit(freeze({a: 0, d: 0}), np.zeros(4))
     assert search.improved(fit) is fit
     assert search.promise(fit) == fit.score
-    search.closely()
+    closely(search)
     assert search.best.model == fit.model
     known = search.scores(1.0)
     assert known.keys() == search.fits.keys()
@@ -1031,7 +1033,7 @@ def test_drops_go_round() -> None:
     search.fit(freeze(dict.fromkeys(names[:6], 0)), np.zeros(7))
     tried: list[str] = []
     search.say = tried.append
-    search.closely()
+    closely(search)
     assert search.best.model == freeze(dict.fromkeys(names[:3], 0))
     whole = ["bcdef", "acdef", "abdef", "abcef", "abcf", "abc", "bc", "ac", "ab"]
     assert tried == [" + ".join(names) for names in whole]
@@ -1106,5 +1108,5 @@ def test_a_form_gives_way_to_either_of_its_parts():
         search = Search(problem, layout, ("a",))
         begun = search.fit(freeze({"a": form}), layout.null)
         assert dict(search.improved(begun).model) == {"a": 1}
-        drops = {dict(m).get("a") for m in search._smaller(freeze({"a": 2}))}
+        drops = {dict(m).get("a") for m in smaller(search.layout, freeze({"a": 2}))}
         assert drops == {None, 0, 1}

@@ -10,6 +10,7 @@ import pytest
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.effects.registry import catalogue
+from bulgefit.gap.attempt import Attempt
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.descend import descend
@@ -18,7 +19,6 @@ from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.explain import _Trial
 
 INFLATION, COURSES = 1.7, 18
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -195,7 +195,7 @@ def test_beside_a_misfit_only_true_causes_are_sure(made_by_the_model, seed):
     start = np.array(layout.null)
     start[:3] = np.log(list(TRUTH.values()))
     rough = descend(weighing, layout, layout.whole(), start, roughly=True)
-    trial = _Trial.of(weighing, layout, rough, start, lambda _: None)
+    trial = Attempt.of(weighing, layout, rough, start, lambda _: None)
     trial.search.fits[rough.model] = rough
 
     def sure(search: Search[Weighing]) -> set[str]:

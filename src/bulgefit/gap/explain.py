@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +13,18 @@ from bulgefit.effects.base import Effect
 from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import fields, scatter
-from bulgefit.errors import SolveError
 from bulgefit.gap.apart import refitted, taken_apart
+from bulgefit.gap.course import rough_fit, searched
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
-from bulgefit.gap.evidence.amplitude import amplitudes
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
-from bulgefit.gap.evidence.creases import Creases
+from bulgefit.gap.evidence.creases import on_points
 from bulgefit.gap.evidence.descend import Fit, descend
-from bulgefit.gap.evidence.outcome import Seen, regression_of, seen_by
+from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
-from bulgefit.gap.evidence.search import GROWN, Search
-from bulgefit.gap.evidence.temper import loudest, taken_up, temper
-from bulgefit.gap.evidence.ways import Ways
+from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
@@ -44,8 +41,6 @@ Floats = NDArray[np.float64]
 
 #: Where descents start (MPa): a coated fabric with stiff shear, which is stable everywhere.
 START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
-#: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
-LEAST_POINTS = 400
 
 
 def explain(
@@ -101,14 +96,14 @@ def explain(
 
     pace.begins(Stage.TOGETHER)
     say("everything at once")
-    rough = _rough(whole, coordinates, layout, start, baseline)
+    rough = rough_fit(whole, coordinates, layout, start, baseline)
     for index, p in enumerate(prepared):
         fix_units(p, rough.here.near[index])
 
     origin = np.array(layout.null)
     origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
     pace.begins(Stage.SEARCH)
-    search, creases_worth = _searched(
+    search, creases_worth = searched(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found, layout, coordinates = search.best, search.layout, search.problem.coordinates
@@ -117,7 +112,7 @@ def explain(
     for index, p in enumerate(prepared):
         correct_anew(p, found.here.near[index])
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    offsets = _on(whole, search.problem.offsets)
+    offsets = on_points(whole, search.problem.offsets)
     weighing = search.problem.over(whole, offsets, _excess(search))
     fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
@@ -183,304 +178,6 @@ def _stepped_fields(data: Sequence[Data]) -> list[Field]:
     ]
 
 
-def _catalogued(names: Iterable[Owned]) -> tuple[Owned, ...]:
-    return tuple(n for n in names if not is_field(n))
-
-
-def _free(layout: Layout) -> tuple[Owned, ...]:
-    return tuple(g.id for g in layout.groups.values() if not g.always)
-
-
-def _rough(
-    data: Sequence[Data],
-    coordinates: Coordinates,
-    layout: Layout,
-    start: Floats,
-    baseline: Regression,
-) -> Fit:
-    """Every effect freed, before the mesh's error is known: one for other moduli would mislead."""
-    for d in data:
-        d.specimen.correction = None
-    weighing = Weighing(_thinned(data), coordinates)
-    model = layout.whole(_catalogued(_free(layout)))
-    hope = weighing.count / weighing.inflation
-    try:
-        return kept(lambda: descend(weighing, layout, model, start, roughly=True, hope=hope))
-    except SolveError:
-        other = np.array(start)
-        other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return kept(lambda: descend(weighing, layout, model, other, roughly=True, hope=hope))
-
-
-def _thinned(data: Sequence[Data]) -> list[Data]:
-    return [
-        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
-        for d in data
-    ]
-
-
-def _searched(
-    prepared: Sequence[Prepared],
-    coordinates: Coordinates,
-    layout: Layout,
-    rough: Fit,
-    origin: Floats,
-    say: Callable[[str], None],
-    pace: Pace,
-    *,
-    thorough: bool,
-) -> tuple[Search[Weighing], float]:
-    """Models weighed on as many points as the noise's correlation leaves.
-
-    The search whose best model holds: that by points as they are, that beside offsets of the
-    points, or the better one gone through again by what its largest model leaves. Also what -2 ln Z
-    falls by with offsets.
-
-    Units are fixed anew by what that comes to, before it is looked around in closely: with
-    everything free the shape is off by more than the errors of what is then taken out. Where a fit
-    missed that is done twice, by everything and by what is left of it.
-    """
-    found, worth, enough = _begun(
-        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
-    )
-    pace.begins(Stage.UNITS)
-    for settle in (_Trial.finished,) if enough else (_Trial.thinned, _Trial.settled):
-        say("units anew")
-        for index, p in enumerate(prepared):
-            fix_units(p, found.search.best.here.near[index])
-        # what came before is not asked any more, and gives its memory back
-        found = found.anew(_thinned([p.data for p in prepared]))
-        found, worth = found.with_offsets_if_worth(worth)
-        found = settle(found)
-    return found.search, worth
-
-
-def _begun(
-    prepared: Sequence[Prepared],
-    coordinates: Coordinates,
-    layout: Layout,
-    rough: Fit,
-    origin: Floats,
-    say: Callable[[str], None],
-    pace: Pace,
-    *,
-    thorough: bool,
-) -> tuple[_Trial, float, bool]:
-    """The search that is gone on with, what offsets of the points are worth in it, and if it ends.
-
-    Elimination begins where everything together leaves nothing but noise: that is enough. Where all
-    that have names leave more, so do fewer: offsets are tried, which cost no coordinates, then the
-    fields, and these beside offsets.
-    """
-    data = _thinned([p.data for p in prepared])
-    plain = _Trial.of(Weighing(data, coordinates), layout, rough, origin, say)
-    if thorough:
-        plain.ways.every()
-    else:
-        plain.ways.by_elimination(lambda: plain.is_content)
-    if not plain.search.fits or not (plain.search.best.converged or plain.is_content):
-        # what everything together was given up at says nothing of smaller models
-        plain.ways.from_below(to_noise=True)
-    if plain.is_content:
-        return plain, 0.0, True
-    pace.begins(Stage.FIELDS)
-    found = plain
-    if (offsets := _offsets(data, plain.seen)) is not None:
-        say("offsets of the points")
-        beside = _Trial.of(Weighing(data, coordinates, offsets), layout, rough, origin, say)
-        beside.ways.by_elimination(lambda: beside.is_content)
-        found = beside if beside.search.fits else plain
-    if found.is_content:
-        return found, plain.score - found.score, True
-    whole = plain.ways.with_fields()
-    if found.score >= plain.score:
-        found = plain
-    if whole is not None and not plain.is_content:
-        both = plain.beside_offsets(whole)
-        if both is not None and both.score < found.score:
-            return both, plain.score - both.score, both.is_content
-    best = found.search.best
-    # coordinates by the hundred that nothing asks for may cost fields more than others leave
-    if (
-        whole is not None
-        and whole is not best
-        and plain.search.promise(whole) < found.search.promise(best)
-    ):
-        found = replace(plain, search=replace(plain.search, fits={whole.model: whole}))
-    return found, plain.score - found.score, False
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A search, and ways through it."""
-
-    data: Sequence[Data]
-    search: Search[Weighing]
-    ways: Ways[Weighing]
-
-    @classmethod
-    def of(
-        cls,
-        weighing: Weighing,
-        layout: Layout,
-        rough: Fit,
-        origin: Floats,
-        say: Callable[[str], None],
-    ) -> _Trial:
-        """From the fit of everything that came first; fields from the moduli alone, too."""
-        names = _free(layout)
-        search = Search(weighing, layout, names, say)
-        free = tuple(n for n in names if is_field(n))
-        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
-
-    @property
-    def seen(self) -> Seen:
-        """What the best model predicts."""
-        return seen_by(self.search.problem, self.search.best)
-
-    @property
-    def score(self) -> float:
-        """-2 ln Z of the best model, with what its offsets cost."""
-        return self.search.best.score + self.search.problem.cost
-
-    @property
-    def is_content(self) -> bool:
-        """Whether the best model leaves nothing but noise."""
-        return not structure(self.data, self.seen).significant
-
-    def beside_offsets(self, fit: Fit) -> _Trial | None:
-        """A model from where it stands, beside offsets of the points; None where it leaves none."""
-        problem = self.search.problem
-        if (offsets := _offsets(self.data, seen_by(problem, fit))) is None:
-            return None
-        self.search.say("offsets of the points beside the fields")
-        weighing = Weighing(self.data, problem.coordinates, offsets)
-        search = replace(self.search, problem=weighing, fits={}, share=GROWN)
-        if search.fit(fit.model, fit.x, fit.here.near, roughly=True) is None:
-            return None
-        search = replace(search, share=0.0)
-        return replace(self, search=search, ways=replace(self.ways, search=search))
-
-    def with_offsets_if_worth(self, before: float) -> tuple[_Trial, float]:
-        """The best model beside offsets of the points or not, and what -2 ln Z falls by with them.
-
-        They may have let it be found, and be worth nothing beside it.
-
-        Parameters
-        ----------
-        before : float
-            What they were worth when it was found, at most.
-        """
-        best, beside = self.search.best, self.search
-        if beside.problem.offsets is None:
-            return self, before
-        search = replace(beside, problem=beside.problem.smooth(), fits={}, renewed=set())
-        hope = beside.as_good(best, best.model, best.here) + beside.problem.cost
-        if search.fit(best.model, best.x, best.here.near, roughly=True, hope=hope) is None:
-            return self, before
-        worth = min(before, search.best.score - self.score)
-        if worth > 0.0:
-            return self, worth
-        return replace(self, search=search, ways=replace(self.ways, search=search)), 0.0
-
-    def finished(self) -> _Trial:
-        """What else may be, where nothing is left: fewer effects, or a field in their place.
-
-        A group or two that stand for fewer are dropped or swapped by one change, which was tried.
-        """
-        if len(self.search.best.model) > 2:
-            self.ways.from_below()
-        self.search.improved(self.search.best)
-        self.ways.from_fields()
-        self.search.closely(self.ways.named)
-        return self
-
-    def anew(self, data: Sequence[Data]) -> _Trial:
-        """The best model alone, by data in other units."""
-        best, problem = self.search.best, self.search.problem
-        weighing = Weighing(data, problem.coordinates, _on(data, problem.offsets))
-        search = replace(self.search, problem=weighing, fits={}, renewed=set())
-        search.fit(best.model, best.x, best.here.near, roughly=True)
-        return replace(self, data=data, search=search, ways=replace(self.ways, search=search))
-
-    def thinned(self) -> _Trial:
-        """The best model without what it can do without, by the noise that it leaves.
-
-        Where the largest model leaves more than noise, that is more than any group can take away:
-        it stands in every model's residual, along the directions that groups have. Beside it as
-        noise (`loudest`) groups are judged by what they take off beyond that.
-        """
-        best, search = self.search.best, self.search
-        if not self.is_content:
-            taken = taken_up(search.problem, best, search.layout)
-            by = loudest(self.data, self.seen.predictions, taken)
-            search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
-            best = search.fit(best.model, best.x, best.here.near) or best
-        search.improved(best)
-        search.closely(self.ways.named)
-        return replace(self, search=search, ways=replace(self.ways, search=search))
-
-    def settled(self) -> _Trial:
-        """The best model beside what it misses by; by less of it, if it can do with less.
-
-        What is left is told by the smallest model that is reached: told by each that follows, it
-        would shrink with every effect that takes some of it, and let the next one in.
-        """
-        sized = self._sized()
-        told = sized.search.best
-        while True:
-            search = sized._beside(told)
-            best = search.improved(search.best)
-            if (smaller := search.layout.common(told.model, best.model)) == told.model:
-                break
-            if (less := sized.search.fit(smaller, best.x, best.here.near)) is None:
-                break
-            told = less
-        search.closely(self.ways.named)
-        return replace(sized, search=search, ways=replace(sized.ways, search=search))
-
-    def _sized(self) -> _Trial:
-        """The best model with its fields as large as the evidence finds them (`amplitudes`)."""
-        best, search = self.search.best, self.search
-        found = [name for name, _ in best.model if is_field(name)]
-        if not found:
-            return self
-        factors = amplitudes(best.here, search.layout, found, search.problem.inflation)
-        problem = search.problem.within(search.problem.coordinates.scaled(factors))
-        layout = search.layout.scaled(factors)
-        search = replace(search, problem=problem, layout=layout, fits={}, renewed=set())
-        if search.fit(best.model, best.x, best.here.near) is None:
-            return self
-        return replace(self, search=search, ways=replace(self.ways, search=search))
-
-    def _beside(self, fit: Fit) -> Search[Weighing]:
-        """A search from a fit, beside what that misses by beyond the noise."""
-        problem, layout = self.search.problem, self.search.layout
-        search = replace(self.search, fits={fit.model: fit}, roughly=True)
-        if not structure(self.data, seen_by(problem, fit)).significant:
-            return search
-        here = problem.linearise(fit.x, layout.columns(fit.model), fit.here.near)
-        search = replace(search, problem=problem.beside_misfit(here), fits={})
-        search.fit(fit.model, fit.x, fit.here.near)
-        return search
-
-
-def _offsets(data: Sequence[Data], fit: Seen) -> list[Creases] | None:
-    """What the points of each specimen show in all frames, beyond the noise; None without any."""
-    pairs = zip(data, fit.predictions, strict=True)
-    found = [Creases.likeliest(d, p.displacement) for d, p in pairs]
-    if not any(found):
-        return None
-    return [c or Creases.of(d, np.zeros(3), 0.0) for d, c in zip(data, found, strict=True)]
-
-
-def _on(data: Sequence[Data], offsets: Sequence[Creases] | None) -> list[Creases] | None:
-    """The same offsets over other data."""
-    if offsets is None:
-        return None
-    return [creases.on(d) for d, creases in zip(data, offsets, strict=True)]
-
-
 def _creases(data: Sequence[Data], final: Regression) -> Sampled:
     """Sizes of the offsets of the first specimen's points, where they are."""
     offset = final.offsets[0]
@@ -527,7 +224,7 @@ def _field(
 
 def _known(search: Search[Weighing]) -> Known:
     """By every coordinate of the catalogue, at the best model; by its own where that has no way."""
-    names = _catalogued(search.names)
+    names = (name for name in search.names if not is_field(name))
     around = search.seen_around(search.best) or search.best.here
     columns = np.intersect1d(search.layout.columns(search.layout.whole(names)), around.columns)
     around = around.of(columns)

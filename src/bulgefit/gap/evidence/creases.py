@@ -17,6 +17,7 @@ by point) and K the covariance of the offsets in noise units,
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,7 @@ from scipy.spatial.distance import cdist
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.heights import shown
 
-__all__ = ["Creases"]
+__all__ = ["Creases", "likeliest_offsets", "on_points"]
 
 Floats = NDArray[np.float64]
 
@@ -209,3 +210,25 @@ def _likeliest(values: Floats, square: Floats, inflation: float) -> tuple[float,
     between = (typical + np.log(_LEAST), typical + np.log(_MOST))
     found = minimize_scalar(misses, bounds=between, method="bounded")
     return (float(np.exp(found.x)), float(-found.fun)) if found.fun < 0.0 else (0.0, 0.0)
+
+
+def likeliest_offsets(data: Sequence[Data], seen: Iterable[Floats]) -> list[Creases] | None:
+    """What the points of each specimen show in all frames, beyond the noise; None without any.
+
+    Parameters
+    ----------
+    data : sequence of Data
+    seen : iterable of (frames, points, 3) array, mm
+        Modelled displacements, of each.
+    """
+    found = [Creases.likeliest(d, displacement) for d, displacement in zip(data, seen, strict=True)]
+    if not any(found):
+        return None
+    return [c or Creases.of(d, np.zeros(3), 0.0) for d, c in zip(data, found, strict=True)]
+
+
+def on_points(data: Sequence[Data], offsets: Sequence[Creases] | None) -> list[Creases] | None:
+    """The same offsets over other points of each specimen."""
+    if offsets is None:
+        return None
+    return [creases.on(d) for d, creases in zip(data, offsets, strict=True)]

@@ -293,13 +293,15 @@ class Layout:
             other[at] = turned - self.period[at] * np.round(turned / self.period[at])
             yield other
 
+    @property
+    def free(self) -> tuple[Owned, ...]:
+        """Groups that are not in every model."""
+        return tuple(g.id for g in self.groups.values() if not g.always)
+
     def whole(self, names: Iterable[Owned] | None = None) -> Model:
         """Groups in their largest form; all that are not in every model, unless named."""
-        chosen = [g for g in self.groups.values() if not g.always]
-        if names is not None:
-            wanted = set(names)
-            chosen = [g for g in chosen if g.id in wanted]
-        return freeze({g.id: len(g.shapes) - 1 for g in chosen})
+        chosen = self.free if names is None else set(names).intersection(self.free)
+        return freeze({name: len(self.groups[name].shapes) - 1 for name in chosen})
 
     def common(self, one: Model, other: Model) -> Model:
         """What two models both contain."""

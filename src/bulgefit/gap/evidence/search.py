@@ -6,7 +6,7 @@ solve; what looks best is refitted, and what was refitted is what counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,7 +21,8 @@ from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.laplace import laplace, quadratic
-from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
+from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
+from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.parallel.journal import kept
 
 __all__ = ["GROWN", "Search"]
@@ -199,96 +200,6 @@ class Search(Generic[Kind]):
             fit = better
         return fit
 
-    def closely(self, instead: Collection[Owned] | None = None) -> None:
-        """The best model as near as can be, and what raises the evidence from there.
-
-        Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that
-        are at their nulls at the bottom of a bent one may look needed.
-
-        Parameters
-        ----------
-        instead : collection of Owned, optional
-            Groups that are tried in the place of one that is gone; default: all.
-        """
-        close = replace(self, roughly=False)
-        settled, last = set[Model](), None
-        while (best := self.best).model not in settled:
-            settled.add(best.model)
-            found = kept(partial(descend, self.problem, self.layout, best.model, best.x,
-                                 best.here.near))  # fmt: skip
-            self.fits[best.model] = found
-            if self.best is found:
-                close.improved(found)
-            if self.best is found:
-                own = {*(self.names if instead is None else instead), *dict(best.model)}
-                names = tuple(n for n in self.names if n in own)
-                rough = replace(self, roughly=True, share=GROWN, names=names)
-                last = rough._without_each(found, last)
-
-    def _without_each(self, fit: Fit, last: Owned | None) -> Owned | None:
-        """Drops from a fit, each fitted, until one of them is the best model: that of which group.
-
-        They go round by name, from the group on that was the last to go: what was tried from the
-        model before comes after what was not.
-
-        A group may hold the others in a valley that none of them would stay in: what they would do
-        without it is on the other side, and no forecast sees it. Nor does one see what would do in
-        the place of a group far from where that is absent.
-        """
-
-        def changed(model: Model) -> Owned:
-            return next(iter(fit.model - model))[0]
-
-        for model in sorted(
-            self._smaller(fit.model), key=lambda m: last is not None and changed(m) <= last
-        ):
-            hope = self.as_good(fit, model, fit.here)
-            less = self.fit(model, fit.x, fit.here.near, hope=hope)
-            if self.best is fit and less is not None and len(model) < len(fit.model):
-                instead = self._instead(less, changed(model), fit)
-                replace(self, names=instead)._in_place(less, fit)
-            if self.best is not fit:
-                return changed(model)
-        return None
-
-    def _instead(self, less: Fit, gone: Owned, fit: Fit) -> tuple[Owned, ...]:
-        """Groups whose worth in the place of one that is gone no forecast from the fit tells.
-
-        All, where that took twice or half as much off as was forecast; else what is periodic. Those
-        of the specimen that it was of, and what was left.
-        """
-        columns, left = self.layout.columns(less.model), dict(less.model)
-        forecast = laplace(fit.here, self.layout, columns, self.problem.inflation).score
-        share = (less.score - fit.score) / (forecast + self.layout.believed(less.model) - fit.score)
-        turning = {name for name, _ in self.layout.turning(self.layout.whole(self.names))}
-        return tuple(
-            name
-            for name in self.names
-            if name in left
-            or (
-                name != gone
-                and name.specimen in (None, gone.specimen)
-                and (name in turning or not 0.5 < share < 2.0)
-            )
-        )
-
-    def _in_place(self, less: Fit, fit: Fit) -> None:
-        """What takes most off the misfit of a fit without one of its groups, fitted beside it.
-
-        Unless twice of that would not do: the best of four sides of what is periodic is an eighth
-        of a turn from the right one, at most, and takes off half as much as that, at least.
-        """
-        more = [m for m in self._larger(less.model) if len(m) > len(less.model)]
-        if not more or (around := self.seen_around(less)) is None:
-            return
-        forecast = self._forecasts(around, less.model)
-        score, model = min(((forecast(m), m) for m in more), key=lambda found: found[0])
-        gain = forecast(less.model) - score
-        if less.score - 2.0 * gain < fit.score:
-            columns, inflation = self.layout.columns(model), self.problem.inflation
-            start = laplace(around, self.layout, columns, inflation).x
-            self.fit(model, start, around.near, hope=self.as_good(fit, model, around))
-
     def as_good(self, fit: Fit, model: Model, here: Linearised) -> float:
         """|r|²/v + Σ((x - n)/s)² by which a model would have as much evidence as a fit.
 
@@ -328,7 +239,7 @@ class Search(Generic[Kind]):
         known = {model: tempered(model, fit.score) for model, fit in self.fits.items()}
         if (around := self.seen_around(best)) is None:
             return known
-        forecast = self._forecasts(around, best.model)
+        forecast = self.forecasts(around, best.model)
         reach = known[best.model] + 2.0 * np.log(1.0 / LEAST_SHARE)
 
         def within(models: Iterable[Model]) -> list[Model]:
@@ -343,10 +254,10 @@ class Search(Generic[Kind]):
         parts, last = list[Model](), [best.model]
         while 0 < len(last) <= MOST_ALIKE:
             parts += last
-            last = within(m for model in last for m in self._smaller(model))
-        grown = within(m for model in parts for m in self._larger(model))
+            last = within(m for model in last for m in smaller(self.layout, model))
+        grown = within(m for model in parts for m in larger(self.layout, self.names, model))
         while 0 < len(grown) <= MOST_ALIKE:
-            grown = within(m for model in grown for m in self._larger(model))
+            grown = within(m for model in grown for m in larger(self.layout, self.names, model))
         return known
 
     def _thinned(self, fit: Fit, around: Linearised, keep: Owned | None = None) -> Fit | None:
@@ -374,10 +285,10 @@ class Search(Generic[Kind]):
         """Ever smaller models, as long as the forecast evidence rises, and that of the last."""
         path = [model]
         while True:
-            forecast = self._forecasts(around, path[-1])
+            forecast = self.forecasts(around, path[-1])
             score = forecast(path[-1])
-            smaller = (m for m in self._smaller(path[-1]) if keep is None or keep in dict(m))
-            options = [(forecast(m), m) for m in smaller]
+            less = smaller(self.layout, path[-1])
+            options = [(forecast(m), m) for m in less if keep is None or keep in dict(m)]
             if not options or (best := min(options, key=lambda o: o[0]))[0] >= score:
                 return path, score
             path.append(best[1])
@@ -390,10 +301,10 @@ class Search(Generic[Kind]):
         None, too, where so many `changes` of the forecast gain reach neither the best model nor the
         goal below it.
         """
-        forecast_of = self._forecasts(around, fit.model)
+        forecast_of = self.forecasts(around, fit.model)
         here = forecast_of(fit.model)
         options = []
-        for model in self._neighbours(fit.model):
+        for model in neighbours(self.layout, self.names, fit.model):
             if (known := self.fits.get(model)) is not None:
                 if known.score < fit.score:
                     return known
@@ -424,11 +335,11 @@ class Search(Generic[Kind]):
 
         Beside them it gains nothing, and in the place of one of them it loses.
         """
-        forecast_of = self._forecasts(around, fit.model)
+        forecast_of = self.forecasts(around, fit.model)
         found = dict[Model, float]()
-        for larger in self._larger(fit.model):
-            model, score = larger, forecast_of(larger)
-            while options := [(forecast_of(m), m) for m in self._smaller(model)]:
+        for grown in larger(self.layout, self.names, fit.model):
+            model, score = grown, forecast_of(grown)
+            while options := [(forecast_of(m), m) for m in smaller(self.layout, model)]:
                 best = min(options, key=lambda o: o[0])
                 if best[0] >= score:
                     break
@@ -451,10 +362,10 @@ class Search(Generic[Kind]):
         smaller one, the larger one tells the right one.
         """
         for name, at in self.layout.turning(fit.model):
-            larger = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
+            whole = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
             for start in list(self.layout.sides(fit.x, at))[1:]:
                 # what it does from there, be it no better than from where it was fitted before
-                found = replace(self, fits={}).fit(larger, start)
+                found = replace(self, fits={}).fit(whole, start)
                 if found is not None and found.here.square <= fit.here.square:
                     better = self._rid(found)
                     if better.score < fit.score:
@@ -470,10 +381,10 @@ class Search(Generic[Kind]):
         for name, by in self.layout.hidden(fit.model):
             if name not in self.names:
                 continue
-            larger = fit.model | self.layout.whole([name])
+            whole = fit.model | self.layout.whole([name])
             own = self.layout.own(by, dict(fit.model)[by])
             start = handed_over(around, self.layout, own, name, self.problem.inflation)
-            found = self.fit(larger, start, fit.here.near)
+            found = self.fit(whole, start, fit.here.near)
             if found is not None:
                 better = self._rid(found, keep=name)
                 if better.score < fit.score:
@@ -495,42 +406,8 @@ class Search(Generic[Kind]):
         found = self.fit(model, ahead.x, around.near)
         return found if found is not None else self.fit(model, around.x, around.near)
 
-    def _forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
+    def forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
         """Scores of models near one, by the misfit near a fit."""
         layout = self.layout
         found = Forecast.of(around, layout, layout.columns(model), self.problem.inflation)
         return lambda other: found.score(layout.columns(other)) + layout.believed(other)
-
-    def _smaller(self, model: Model) -> Iterator[Model]:
-        """One group less, or one in a next smaller form."""
-        forms = dict(sorted(model))  # as in every process, whatever its hashes are
-        for name, form in forms.items():
-            yield freeze({k: f for k, f in forms.items() if k != name})
-            for less in self.layout.groups[name].below(form):
-                yield freeze({**forms, name: less})
-
-    def _larger(self, model: Model) -> Iterator[Model]:
-        """One group more, in any form, or one in a larger form."""
-        forms = dict(model)
-        for name in self.names:
-            for form in self.layout.groups[name].above(forms.get(name)):
-                yield freeze({**forms, name: form})
-
-    def _otherwise(self, model: Model) -> Iterator[Model]:
-        """One group in any other form."""
-        forms = dict(sorted(model))
-        for name, form in forms.items():
-            for other in range(len(self.layout.groups[name].shapes)):
-                if other != form:
-                    yield freeze({**forms, name: other})
-
-    def _neighbours(self, model: Model) -> Iterable[Model]:
-        """Every model one drop, growth, addition, swap or change of a form away."""
-        found = dict.fromkeys(
-            [*self._smaller(model), *self._larger(model), *self._otherwise(model)]
-        )
-        for smaller in self._smaller(model):
-            gone = set(dict(model)) - set(dict(smaller))
-            found.update(dict.fromkeys(m for m in self._larger(smaller) if not gone & set(dict(m))))
-        found.pop(model, None)
-        return found

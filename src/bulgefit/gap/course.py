@@ -1,0 +1,150 @@
+"""In which order is it searched for what explains the gap? And when is that enough?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.errors import SolveError
+from bulgefit.gap.attempt import Attempt
+from bulgefit.gap.data import Data
+from bulgefit.gap.effects import MODULI
+from bulgefit.gap.evidence.coordinates import Coordinates, is_field
+from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.problem import Layout
+from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.weighing import Weighing
+from bulgefit.gap.pace import Pace, Stage
+from bulgefit.gap.prepare import Prepared, fix_units
+from bulgefit.gap.regress import Regression
+from bulgefit.parallel.journal import kept
+
+__all__ = ["rough_fit", "searched"]
+
+Floats = NDArray[np.float64]
+
+#: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
+LEAST_POINTS = 400
+
+
+def rough_fit(
+    data: Sequence[Data],
+    coordinates: Coordinates,
+    layout: Layout,
+    start: Floats,
+    baseline: Regression,
+) -> Fit:
+    """Every effect freed, before the mesh's error is known: one for other moduli would mislead."""
+    for d in data:
+        d.specimen.correction = None
+    weighing = Weighing(_thinned(data), coordinates)
+    model = layout.whole(name for name in layout.free if not is_field(name))
+    hope = weighing.count / weighing.inflation
+    try:
+        return kept(lambda: descend(weighing, layout, model, start, roughly=True, hope=hope))
+    except SolveError:
+        other = np.array(start)
+        other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
+        return kept(lambda: descend(weighing, layout, model, other, roughly=True, hope=hope))
+
+
+def _thinned(data: Sequence[Data]) -> list[Data]:
+    """As many points as the noise's correlation leaves."""
+    return [
+        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
+        for d in data
+    ]
+
+
+def searched(
+    prepared: Sequence[Prepared],
+    coordinates: Coordinates,
+    layout: Layout,
+    rough: Fit,
+    origin: Floats,
+    say: Callable[[str], None],
+    pace: Pace,
+    *,
+    thorough: bool,
+) -> tuple[Search[Weighing], float]:
+    """Models weighed on as many points as the noise's correlation leaves.
+
+    The search whose best model holds: that by points as they are, that beside offsets of the
+    points, or the better one gone through again by what its largest model leaves. Also what -2 ln Z
+    falls by with offsets.
+
+    Units are fixed anew by what that comes to, before it is looked around in closely: with
+    everything free the shape is off by more than the errors of what is then taken out. Where a fit
+    missed that is done twice, by everything and by what is left of it.
+    """
+    found, worth, enough = _begun(
+        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
+    )
+    pace.begins(Stage.UNITS)
+    for settle in (Attempt.finished,) if enough else (Attempt.thinned, Attempt.settled):
+        say("units anew")
+        for index, p in enumerate(prepared):
+            fix_units(p, found.search.best.here.near[index])
+        # what came before is not asked any more, and gives its memory back
+        found = found.anew(_thinned([p.data for p in prepared]))
+        found, worth = found.with_offsets_if_worth(worth)
+        found = settle(found)
+    return found.search, worth
+
+
+def _begun(
+    prepared: Sequence[Prepared],
+    coordinates: Coordinates,
+    layout: Layout,
+    rough: Fit,
+    origin: Floats,
+    say: Callable[[str], None],
+    pace: Pace,
+    *,
+    thorough: bool,
+) -> tuple[Attempt, float, bool]:
+    """The search that is gone on with, what offsets of the points are worth in it, and if it ends.
+
+    Elimination begins where everything together leaves nothing but noise: that is enough. Where all
+    that have names leave more, so do fewer: offsets are tried, which cost no coordinates, then the
+    fields, and these beside offsets.
+    """
+    data = _thinned([p.data for p in prepared])
+    plain = Attempt.of(Weighing(data, coordinates), layout, rough, origin, say)
+    if thorough:
+        plain.ways.every()
+    else:
+        plain.ways.by_elimination(lambda: plain.is_content)
+    if not plain.search.fits or not (plain.search.best.converged or plain.is_content):
+        # what everything together was given up at says nothing of smaller models
+        plain.ways.from_below(to_noise=True)
+    if plain.is_content:
+        return plain, 0.0, True
+    pace.begins(Stage.FIELDS)
+    found = plain
+    if (offsets := plain.offsets) is not None:
+        say("offsets of the points")
+        beside = Attempt.of(Weighing(data, coordinates, offsets), layout, rough, origin, say)
+        beside.ways.by_elimination(lambda: beside.is_content)
+        found = beside if beside.search.fits else plain
+    if found.is_content:
+        return found, plain.score - found.score, True
+    whole = plain.ways.with_fields()
+    if found.score >= plain.score:
+        found = plain
+    if whole is not None and not plain.is_content:
+        both = plain.beside_offsets(whole)
+        if both is not None and both.score < found.score:
+            return both, plain.score - both.score, both.is_content
+    best = found.search.best
+    # coordinates by the hundred that nothing asks for may cost fields more than others leave
+    if (
+        whole is not None
+        and whole is not best
+        and plain.search.promise(whole) < found.search.promise(best)
+    ):
+        found = replace(plain, search=replace(plain.search, fits={whole.model: whole}))
+    return found, plain.score - found.score, False

@@ -1,0 +1,112 @@
+"""The best model as near as can be, and without each of its groups: would another do?"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from functools import partial
+from typing import TypeVar
+
+from bulgefit.effects.parameter import Owned
+from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.laplace import laplace
+from bulgefit.gap.evidence.neighbours import larger, smaller
+from bulgefit.gap.evidence.problem import Model, Problem
+from bulgefit.gap.evidence.search import GROWN, Search
+from bulgefit.parallel.journal import kept
+
+__all__ = ["closely"]
+
+Kind = TypeVar("Kind", bound=Problem)
+
+
+def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> None:
+    """The best model as near as can be, and what raises the evidence from there.
+
+    Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that are
+    at their nulls at the bottom of a bent one may look needed.
+
+    Parameters
+    ----------
+    search : Search
+    instead : collection of Owned, optional
+        Groups that are tried in the place of one that is gone; default: all.
+    """
+    problem, layout = search.problem, search.layout
+    close = replace(search, roughly=False)
+    settled, last = set[Model](), None
+    while (best := search.best).model not in settled:
+        settled.add(best.model)
+        found = kept(partial(descend, problem, layout, best.model, best.x, best.here.near))
+        search.fits[best.model] = found
+        if search.best is found:
+            close.improved(found)
+        if search.best is found:
+            own = {*(search.names if instead is None else instead), *dict(best.model)}
+            names = tuple(n for n in search.names if n in own)
+            rough = replace(search, roughly=True, share=GROWN, names=names)
+            last = _without_each(rough, found, last)
+
+
+def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned | None:
+    """Drops from a fit, each fitted, until one of them is the best model: that of which group.
+
+    They go round by name, from the group on that was the last to go: what was tried from the model
+    before comes after what was not.
+
+    A group may hold the others in a valley that none of them would stay in: what they would do
+    without it is on the other side, and no forecast sees it. Nor does one see what would do in the
+    place of a group far from where that is absent.
+    """
+
+    def changed(model: Model) -> Owned:
+        return next(iter(fit.model - model))[0]
+
+    for model in sorted(
+        smaller(search.layout, fit.model), key=lambda m: last is not None and changed(m) <= last
+    ):
+        hope = search.as_good(fit, model, fit.here)
+        less = search.fit(model, fit.x, fit.here.near, hope=hope)
+        if search.best is fit and less is not None and len(model) < len(fit.model):
+            instead = _unforeseen(search, less, changed(model), fit)
+            _in_place(replace(search, names=instead), less, fit)
+        if search.best is not fit:
+            return changed(model)
+    return None
+
+
+def _unforeseen(search: Search[Kind], less: Fit, gone: Owned, fit: Fit) -> tuple[Owned, ...]:
+    """Groups whose worth in the place of one that is gone no forecast from the fit tells.
+
+    All, where that cost twice or half as much as was forecast; else what is periodic. Those of the
+    specimen that it was of, and what was left.
+    """
+    layout, left = search.layout, dict(less.model)
+    told = laplace(fit.here, layout, layout.columns(less.model), search.problem.inflation).score
+    told += layout.believed(less.model) - fit.score
+    foreseen = 0.5 * told < less.score - fit.score < 2.0 * told
+    turning = {name for name, _ in layout.turning(layout.whole(search.names))}
+
+    def is_open(name: Owned) -> bool:
+        of_same = name != gone and name.specimen in (None, gone.specimen)
+        return of_same and (name in turning or not foreseen)
+
+    return tuple(name for name in search.names if name in left or is_open(name))
+
+
+def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
+    """What takes most off the misfit of a fit without one of its groups, fitted beside it.
+
+    Unless twice of that would not do: the best of four sides of what is periodic is an eighth of a
+    turn from the right one, at most, and takes off half as much as that, at least.
+    """
+    layout, problem = search.layout, search.problem
+    more = [m for m in larger(layout, search.names, less.model) if len(m) > len(less.model)]
+    if not more or (around := search.seen_around(less)) is None:
+        return
+    forecast = search.forecasts(around, less.model)
+    score, model = min(((forecast(m), m) for m in more), key=lambda found: found[0])
+    gain = forecast(less.model) - score
+    if less.score - 2.0 * gain < fit.score:
+        start = laplace(around, layout, layout.columns(model), problem.inflation).x
+        search.fit(model, start, around.near, hope=search.as_good(fit, model, around))
