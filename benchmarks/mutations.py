@@ -331,6 +331,18 @@ MUTANTS = (
     ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
     Mutant("gap/evidence/search.py", " or self._uncovered(fit, around)", "", EVIDENCE),
+    Mutant("gap/evidence/search.py", "replace(self, fits={}).fit", "self.fit", EVIDENCE),
+    Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),
+    Mutant("gap/evidence/closely.py", "turning or not foreseen", "turning", EVIDENCE),
+    Mutant("gap/evidence/descend.py", "share = gained / last", "share = 1.0", EVIDENCE),
+    Mutant(
+        "gap/evidence/amplitude.py",
+        "scaled = layout.scaled(",
+        "scaled = (lambda _: layout)(",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/problem.py", "width=factor * self.width", "width=self.width", EVIDENCE),
+    Mutant("gap/attempt.py", "best.score - self.score)", "best.score + self.score)", CREASES),
     Mutant(
         "gap/level.py", "own[fit.columns.index(m)] = 1.0", "own[fit.columns.index(m)] = 2.0", LEVEL
     ),
