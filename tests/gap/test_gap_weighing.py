@@ -329,6 +329,28 @@ def test_a_fabric_that_cannot_be_is_no_shape(data: Data) -> None:
         weighing.linearise(x, layout.columns(layout.whole((Owned("clamp_slip"),))))
 
 
+@pytest.mark.parametrize("knee", [60.0, 800.0])
+def test_a_descent_ends_where_a_value_is_beyond_all_measure(data: Data, knee: float) -> None:
+    """A linear step may lead to e^60 or to no number at all: to an end, or an error that says so.
+
+    A difference over a step that such a value's digits do not hold was none over none.
+    """
+    coordinates = Coordinates.of([catalogue()["nonlinear_material"]], [data.specimen.nulls()])
+    layout, weighing = Layout.of(coordinates.groups), Weighing([data], coordinates)
+    x = np.array(layout.null)
+    x[:3] = np.log([TRUTH[name] for name in ("E1", "E2", "G12")])
+    names = [c.key.parameter for c in coordinates.every]
+    x[names.index("s_x")] = 0.2
+    x[names.index("knee_x")] = knee
+    if knee > 700.0:
+        with pytest.raises(SolveError, match="there are no such values"):
+            weighing.linearise(x, layout.columns(layout.whole()))
+    else:
+        here = weighing.linearise(x, layout.columns(layout.whole()))
+        assert np.isfinite(here.hessian).all()
+        assert np.isfinite(descend(weighing, layout, layout.whole(), x, steps=3).score)
+
+
 def test_thinned_points_count_for_as_many(data: Data) -> None:
     whole = replace(data, inflation=4.0, mesh=np.ones(data.used.shape))
     some = whole.thinned(3)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.further import Told
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.parameter import Parameter, ends_about
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
 
 __all__ = ["PLACES", "Effect", "several", "stages"]
@@ -169,8 +169,7 @@ class Effect:
 
     def span(self, name: str, value: float) -> tuple[float, float]:
         """Values below and above one of a parameter, to take a difference over."""
-        step = self.parameter(name).step
-        return value - step, value + step
+        return ends_about(value, self.parameter(name).step)
 
     @property
     def scatters(self) -> bool:

@@ -9,13 +9,18 @@ from typing import Literal, NamedTuple, TypeVar
 
 from bulgefit.errors import InputError
 
-__all__ = ["Key", "Owned", "Parameter", "by_key", "of_specimen"]
+__all__ = ["Key", "Owned", "Parameter", "by_key", "ends_about", "of_specimen"]
 
 Value = TypeVar("Value")
 
 #: Length (mm) below which one that acts through its square steps as if it were that long: at none
 #: at all its derivative is nothing, and a fit would never leave it.
 _LEAST_LENGTH = 0.5
+#: Coordinate from which on the exponential is no number: ln of the largest double is 709.8.
+_LARGEST = 709.0
+#: Half a step over the value, at least: the root of the double's spacing, so that of a difference
+#: as many digits are left as are lost.
+_LEAST_STEP = 1.5e-8
 
 
 class Key(NamedTuple):
@@ -149,9 +154,9 @@ class Parameter:
         return value * abs(value) if self.coordinate == "square" else value
 
     def from_coordinate(self, coordinate: float) -> float:
-        """The value at a coordinate."""
+        """The value at a coordinate; infinite where no number is as large."""
         if self.coordinate == "log":
-            return math.exp(coordinate)
+            return math.exp(coordinate) if coordinate < _LARGEST else math.inf
         if self.coordinate == "square":
             return math.copysign(math.sqrt(abs(coordinate)), coordinate)
         return coordinate
@@ -166,3 +171,9 @@ class Parameter:
     def by_value(self, value: float) -> float:
         """∂(what the model differentiates by)/∂value; of squares also from none at all on."""
         return 2.0 * max(value, _LEAST_LENGTH) if self.coordinate == "square" else 1.0
+
+
+def ends_about(value: float, step: float) -> tuple[float, float]:
+    """Values a step below and above one, which its digits tell apart whatever it is."""
+    step = max(step, _LEAST_STEP * abs(value))
+    return value - step, value + step

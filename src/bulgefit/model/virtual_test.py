@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import ends_about
 from bulgefit.effects.places import Load, Scene
 from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.errors import InputError
@@ -263,7 +264,7 @@ class VirtualTest:
             step = CONSTANTS[name]
             if name != "nu12":
                 step = min(step, _SOFT * values[name])
-            return values[name] - step, values[name] + step
+            return ends_about(values[name], step)
         effect, _, parameter = name.partition(".")
         return effect_named(effect).span(parameter, self._value(name, values))
 

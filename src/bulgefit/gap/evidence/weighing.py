@@ -151,7 +151,10 @@ class Weighing:
             shapes.append(found.shapes)
             place = np.append(np.searchsorted(columns, own), size - 1)
             white = self._whitened(index, self._rows(d, found, x, own))
-            gram[np.ix_(place, place)] += _gram(white, d.specimen.threads)
+            own_gram = _gram(white, d.specimen.threads)
+            if not np.isfinite(own_gram).all():
+                raise _no_shape("the fabric has no derivatives", found.shapes.values)
+            gram[np.ix_(place, place)] += own_gram
             rows.append(white)
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
@@ -188,6 +191,8 @@ class Weighing:
         """
         names = [self.coordinates.every[c].key.name for c in columns]
         specimen, values = self.data[index].specimen, self.coordinates.values(x, index)
+        if not np.isfinite([*values.values()]).all():
+            raise _no_shape("there are no such values", values)
         try:
             shapes = _balanced(specimen, values, names, near)
             found = specimen.sight(shapes, names)
