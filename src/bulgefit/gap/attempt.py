@@ -82,6 +82,11 @@ class Attempt:
         """What the points show in all frames beyond the best model, and the noise."""
         return _offsets(self.data, self.seen)
 
+    def begun_beside(self, offsets: Sequence[Creases]) -> Attempt:
+        """From the same starts, beside offsets of the points."""
+        weighing = Weighing(self.data, self.search.problem.coordinates, offsets)
+        return self._by(replace(self.search, problem=weighing, fits={}, renewed=set(), looked=[]))
+
     def beside_offsets(self, fit: Fit) -> Attempt | None:
         """A model from where it stands, beside offsets of the points; None where it leaves none."""
         problem = self.search.problem
@@ -92,8 +97,7 @@ class Attempt:
         search = replace(self.search, problem=weighing, fits={}, share=GROWN)
         if search.fit(fit.model, fit.x, fit.here.near, roughly=True) is None:
             return None
-        search = replace(search, share=0.0)
-        return self._by(search)
+        return self._by(replace(search, share=0.0))
 
     def with_offsets_if_worth(self, before: float) -> tuple[Attempt, float]:
         """The best model beside offsets of the points or not, and what -2 ln Z falls by with them.

@@ -80,9 +80,9 @@ def searched(
     everything free the shape is off by more than the errors of what is then taken out. Where a fit
     missed that is done twice, by everything and by what is left of it.
     """
-    found, worth, enough = _begun(
-        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
-    )
+    weighing = Weighing(_thinned([p.data for p in prepared]), coordinates)
+    plain = Attempt.of(weighing, layout, rough, origin, say)
+    found, worth, enough = _begun(plain, pace, thorough=thorough)
     pace.begins(Stage.UNITS)
     for settle in (Attempt.finished,) if enough else (Attempt.thinned, Attempt.settled):
         say("units anew")
@@ -95,25 +95,13 @@ def searched(
     return found.search, worth
 
 
-def _begun(
-    prepared: Sequence[Prepared],
-    coordinates: Coordinates,
-    layout: Layout,
-    rough: Fit,
-    origin: Floats,
-    say: Callable[[str], None],
-    pace: Pace,
-    *,
-    thorough: bool,
-) -> tuple[Attempt, float, bool]:
+def _begun(plain: Attempt, pace: Pace, *, thorough: bool) -> tuple[Attempt, float, bool]:
     """The search that is gone on with, what offsets of the points are worth in it, and if it ends.
 
     Elimination begins where everything together leaves nothing but noise: that is enough. Where all
     that have names leave more, so do fewer: offsets are tried, which cost no coordinates, then the
     fields, and these beside offsets.
     """
-    data = _thinned([p.data for p in prepared])
-    plain = Attempt.of(Weighing(data, coordinates), layout, rough, origin, say)
     if thorough:
         plain.ways.every()
     else:
@@ -126,8 +114,8 @@ def _begun(
     pace.begins(Stage.FIELDS)
     found = plain
     if (offsets := plain.offsets) is not None:
-        say("offsets of the points")
-        beside = Attempt.of(Weighing(data, coordinates, offsets), layout, rough, origin, say)
+        plain.search.say("offsets of the points")
+        beside = plain.begun_beside(offsets)
         beside.ways.by_elimination(lambda: beside.is_content)
         found = beside if beside.search.fits else plain
     if found.is_content:
