@@ -113,7 +113,7 @@ class Attempt:
         if beside.problem.offsets is None:
             return self, before
         search = replace(beside, problem=beside.problem.smooth(), fits={}, renewed=set())
-        hope = beside.as_good(best, best.model, best.here) + beside.problem.cost
+        hope = beside.hoped(best, best.model, best.here) + beside.problem.cost
         if search.fit(best.model, best.x, best.here.near, roughly=True, hope=hope) is None:
             return self, before
         worth = min(before, search.best.score - self.score)

@@ -81,14 +81,15 @@ def searched(
     missed that is done twice, by everything and by what is left of it.
     """
     weighing = Weighing(_thinned([p.data for p in prepared]), coordinates)
-    plain = Attempt.of(weighing, layout, rough, origin, say)
-    found, worth, enough = _begun(plain, pace, thorough=thorough)
+    # no name for the first attempt: what it was at gives its memory back where another is gone on with
+    found, worth, enough = _begun(
+        Attempt.of(weighing, layout, rough, origin, say), pace, thorough=thorough
+    )
     pace.begins(Stage.UNITS)
     for settle in (Attempt.finished,) if enough else (Attempt.thinned, Attempt.settled):
         say("units anew")
         for index, p in enumerate(prepared):
             fix_units(p, found.search.best.here.near[index])
-        # what came before is not asked any more, and gives its memory back
         found = found.anew(_thinned([p.data for p in prepared]))
         found, worth = found.with_offsets_if_worth(worth)
         found = settle(found)

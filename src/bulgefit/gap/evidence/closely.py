@@ -44,7 +44,7 @@ def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> N
         if search.best is found:
             own = {*(search.names if instead is None else instead), *dict(best.model)}
             names = tuple(n for n in search.names if n in own)
-            rough = replace(search, roughly=True, share=GROWN, names=names)
+            rough = replace(search, roughly=True, share=GROWN, names=names, looked=[])
             last = _without_each(rough, found, last)
 
 
@@ -65,7 +65,7 @@ def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned |
     for model in sorted(
         smaller(search.layout, fit.model), key=lambda m: last is not None and changed(m) <= last
     ):
-        hope = search.as_good(fit, model, fit.here)
+        hope = search.hoped(fit, model, fit.here)
         less = search.fit(model, fit.x, fit.here.near, hope=hope)
         if search.best is fit and less is not None and len(model) < len(fit.model):
             instead = _unforeseen(search, less, changed(model), fit)
@@ -109,4 +109,4 @@ def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
     gain = forecast(less.model) - score
     if less.score - 2.0 * gain < fit.score:
         start = laplace(around, layout, layout.columns(model), problem.inflation).x
-        search.fit(model, start, around.near, hope=search.as_good(fit, model, around))
+        search.fit(model, start, around.near, hope=search.hoped(fit, model, around))

@@ -33,8 +33,10 @@ Floats = NDArray[np.float64]
 
 #: Refits, best forecast first, that may fail to raise the evidence before no change is held to.
 TRIES = 3
-#: Of the best model's probability, below which a model is not looked around in.
+#: Of the best model's probability, below which a model is not looked around in, and has no say; and
+#: by how much more its -2 ln Z is then.
 LEAST_SHARE = 1e-3
+_REACH = 2.0 * np.log(1.0 / LEAST_SHARE)
 #: Models of a generation beyond which they are not looked around in: with sixty groups and more
 #: that would take tens of thousands of forecasts.
 MOST_ALIKE = 300
@@ -150,8 +152,9 @@ class Search(Generic[Kind]):
         columns = self.layout.columns(whole)
         if x is fit.x and np.array_equal(columns, fit.here.columns):
             return fit.here
+        self.looked.clear()  # with all fields free one is as much memory as all else
         found = self.problem.linearise(x, columns, fit.here.near).light()
-        self.looked[:] = [(self.problem, self.names, fit, found)]
+        self.looked.append((self.problem, self.names, fit, found))
         return found
 
     def seen_around(self, fit: Fit) -> Linearised | None:
@@ -200,16 +203,17 @@ class Search(Generic[Kind]):
             fit = better
         return fit
 
-    def as_good(self, fit: Fit, model: Model, here: Linearised) -> float:
-        """|r|²/v + Σ((x - n)/s)² by which a model would have as much evidence as a fit.
+    def hoped(self, fit: Fit, model: Model, here: Linearised) -> float:
+        """|r|²/v + Σ((x - n)/s)² by which a model has a thousandth of a fit's probability.
 
-        With the covariance that it has by the misfit `here`.
+        What does not come down to that has no say, and need not be fitted to its end. With the
+        covariance that it has by the misfit `here`.
         """
         columns, inflation = self.layout.columns(model), self.problem.inflation
         value, _, _ = quadratic(here, self.layout, columns, inflation)
         forecast = laplace(here, self.layout, columns, inflation)
         volume = forecast.score + forecast.ahead - value
-        return fit.score - volume - self.layout.believed(model)
+        return fit.score + _REACH - volume - self.layout.believed(model)
 
     def scores(self, temper: float) -> dict[Model, float]:
         """Of every model that was fitted, and of those whose share counts by forecast.
@@ -240,7 +244,7 @@ class Search(Generic[Kind]):
         if (around := self.seen_around(best)) is None:
             return known
         forecast = self.forecasts(around, best.model)
-        reach = known[best.model] + 2.0 * np.log(1.0 / LEAST_SHARE)
+        reach = known[best.model] + _REACH
 
         def within(models: Iterable[Model]) -> list[Model]:
             new = [m for m in dict.fromkeys(models) if m not in gone]
@@ -268,7 +272,7 @@ class Search(Generic[Kind]):
         path = self._path(fit.model, around, keep)[0]
         reach = len(path) - 1
         while reach > 0:
-            found = self._refit(path[reach], around)
+            found = self._refit(path[reach], around, fit)
             if found is not None and found.score < fit.score:
                 return found
             reach //= 2
@@ -318,7 +322,7 @@ class Search(Generic[Kind]):
             if fit.score - changes * gain > min(self.best.score, goal):
                 return None
         for _, model in tried:
-            found = self._refit(model, around)
+            found = self._refit(model, around, fit)
             if found is not None and found.score < fit.score:
                 return found
         return None
@@ -349,7 +353,7 @@ class Search(Generic[Kind]):
         here = forecast_of(fit.model)
         for model in sorted(found, key=lambda m: found[m])[:TRIES]:
             if found[model] < here:
-                better = self._refit(model, around)
+                better = self._refit(model, around, fit)
                 if better is not None and better.score < fit.score:
                     return better
         return None
@@ -396,15 +400,16 @@ class Search(Generic[Kind]):
         around = self.seen_around(fit)
         return (None if around is None else self._thinned(fit, around, keep)) or fit
 
-    def _refit(self, model: Model, around: Linearised) -> Fit | None:
-        """Fitted from where the linear step leads, or from where one stands."""
+    def _refit(self, model: Model, around: Linearised, fit: Fit) -> Fit | None:
+        """In the place of a fit: from where the linear step leads, or from where one stands."""
         columns = self.layout.columns(model)
         known = self.fits.get(model)
         if known is not None:
             return known
         ahead = laplace(around, self.layout, columns, self.problem.inflation)
-        found = self.fit(model, ahead.x, around.near)
-        return found if found is not None else self.fit(model, around.x, around.near)
+        hope = self.hoped(fit, model, around)
+        found = self.fit(model, ahead.x, around.near, hope=hope)
+        return found if found is not None else self.fit(model, around.x, around.near, hope=hope)
 
     def forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
         """Scores of models near one, by the misfit near a fit."""
