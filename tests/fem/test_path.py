@@ -508,6 +508,18 @@ def _uneven(heights: tuple[float, ...], law: str, *, refine: int = 2, **fabric: 
     return Membrane(mesh, 0.81, law, fabric=Fabric(surface=surface, **fabric))
 
 
+def test_descent_above_a_limit_pressure_ends_when_the_shape_runs_away() -> None:
+    """Soft cloth by the Hencky law has a greatest pressure; the potential above has no bottom."""
+    membrane = Membrane(disc(), 0.81, "hencky")
+    stiffness = orthotropic_stiffness(20.0, 20.0, 7.7, 0.3)
+    with pytest.raises(SolveError, match="limit pressure") as ended:
+        trace(membrane, stiffness, (1e-4, 0.3))
+    above = 1.2 * ended.value.reached
+    with pytest.raises(NewtonError, match="runs away") as gone:
+        solve(membrane, flat_guess(membrane, above, stiffness), above, stiffness)
+    assert gone.value.iteration < 20
+
+
 def test_loose_cloth_is_found_with_patience() -> None:
     """Its potential falls with each step of the descent, and has not come to rest after sixty."""
     membrane = _uneven(

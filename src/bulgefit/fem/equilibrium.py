@@ -29,6 +29,9 @@ FROM_NEAR, FROM_AFAR, PATIENT = 12, 60, 400
 #: Corrections by a factor that has served before are made where they are shorter than this share
 #: of the step before: they cost a tenth of a factorisation.
 AGAIN_BELOW = 0.25
+#: Radii beyond which a shape runs away, as descent lets it above a limit pressure, where the
+#: potential has no bottom: a cap as high has a hundred times the area of its disc.
+RUN_AWAY = 10.0
 #: Newton's method converges quadratically: a step whose successor, by this rule and this factor of
 #: safety, is below `CORRECTION` is the last.
 SAFETY = 10.0
@@ -178,6 +181,8 @@ def solve(
         factor, stable = search.factor(displacement, state, iteration)
         before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
+        if np.abs(displacement).max() > RUN_AWAY * membrane.radius:
+            raise NewtonError("the shape runs away", iteration, _norm(state), search.work)
         step = float(np.abs(displacement - before).max())
         ahead = float(np.abs(correction).max())
         enough = RENEWED_ABOVE * unit
