@@ -9,10 +9,13 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.fields.base import Field
 from bulgefit.effects.fields.stiffness_field import CENTRES
-from bulgefit.effects.places import Cloth
+from bulgefit.effects.places import Clamping, Cloth
 from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields, scatter
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.equilibrium import flat_guess, solve
+from bulgefit.fem.membrane import Fabric, Membrane
+from bulgefit.fem.mesh import disc
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -248,6 +251,35 @@ def test_the_rim_moves_inwards_by_its_waves(virtual: VirtualTest):
     )
     by_angle = inwards(np.deg2rad(found.where["angle_degree"]), virtual.recorded)[-1]
     np.testing.assert_allclose(found.values, by_angle, atol=1e-12)
+
+
+def test_a_sector_that_slips_by_its_own_traction_is_followed():
+    """What gives eases its own traction: of uneven springs no angle has the others' course."""
+    membrane = Membrane(disc(), 0.81, "hencky", fabric=Fabric(compliance=0.005))
+    clamp = membrane.clamp
+    assert clamp is not None
+    angle = np.arctan2(clamp.radial[:, 1], clamp.radial[:, 0])
+    away = np.minimum(np.abs(angle - 0.4) / np.deg2rad(41.0), 1.0)
+    more = 0.03 * np.cos(0.5 * np.pi * away) ** 2
+    change = clamp.length / (0.005 + more) - clamp.length / 0.005
+    clamp.stiffness += change[:, None, None] * clamp.radial[:, :, None] * clamp.radial[:, None, :]
+    stiffness = orthotropic_stiffness(330.0, 210.0, 20.0, 0.24)
+    pressure, moved, shape = np.linspace(0.01, 0.3, 12), [], None
+    for p in pressure:
+        start = flat_guess(membrane, p, stiffness) if shape is None else shape
+        shape = solve(membrane, start, p, stiffness).displacement
+        moved.append(-(shape[clamp.rim, :2] * clamp.radial).sum(axis=1))
+    # beside springs that are alike, which follow the traction
+    traction = np.array(moved) / (0.005 + more)
+    slip = more * traction
+    field, clamping = fields()["slip_field"], Clamping(angle, pressure)
+    each = [own(field, **{p.name: 1.0}) for p in field.parameters]
+    waves = np.array([field.clamp(values, clamping).inwards for values in each])
+    basis = np.concatenate([waves, traction[None]]).reshape(len(waves) + 1, -1).T
+    found, *_ = np.linalg.lstsq(basis, slip.ravel(), rcond=None)
+    left = slip.ravel() - basis @ found
+    # 0.044 with courses of orders 0 to 2 alone
+    assert np.sqrt((left**2).mean() / (slip**2).mean()) < 0.02
 
 
 def course_of(virtual: VirtualTest) -> np.ndarray:

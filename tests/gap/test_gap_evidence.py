@@ -20,7 +20,7 @@ from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
-from bulgefit.gap.evidence.laplace import bounded_optimum, laplace
+from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.neighbours import smaller
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
@@ -491,6 +491,24 @@ def explore(search: Search, start: np.ndarray) -> Fit:
 def searched(problem: Known) -> Search:
     layout = Layout.of(problem.groups)
     return Search(problem, layout, tuple(g.id for g in problem.groups if not g.always))
+
+
+def test_what_is_hoped_of_a_model_is_a_thousandth_of_the_probability():
+    """Where the misfit is linear, and so what it comes down to is known beforehand."""
+    rng = np.random.default_rng(12)
+    rows = rng.normal(size=(40, 4))
+    measured = rows @ [0.0, 1.0, -0.5, 0.4] + rng.normal(size=40)
+    groups = [group("moduli", [3.0], always=True), group("a", [2.0]), group("b", [1.0, 2.0])]
+    search = searched(linear(groups, rows, measured))
+    whole, less = (search.layout.whole(names) for names in ("ab", "a"))
+    fit, smaller_fit = (search.fit(model, np.zeros(4)) for model in (whole, less))
+    assert fit is not None
+    assert smaller_fit is not None
+    here, inflation = smaller_fit.here, search.problem.inflation
+    value, _, _ = quadratic(here, search.layout, search.layout.columns(less), inflation)
+    beyond = value - search.hoped(fit, less, fit.here)
+    share = np.exp(-0.5 * (smaller_fit.score - fit.score)) / 1e-3
+    assert beyond == pytest.approx(-2.0 * np.log(share), abs=1e-6)
 
 
 def test_all_models_are_found_as_enumeration_ranks_them():

@@ -81,7 +81,7 @@ def searched(
     missed that is done twice, by everything and by what is left of it.
     """
     weighing = Weighing(_thinned([p.data for p in prepared]), coordinates)
-    # no name for the first attempt: what it was at gives its memory back where another is gone on with
+    # the first attempt has no name: where another is gone on with, it gives its memory back
     found, worth, enough = _begun(
         Attempt.of(weighing, layout, rough, origin, say), pace, thorough=thorough
     )

@@ -17,8 +17,8 @@ __all__ = ["EFFECT"]
 Floats = NDArray[np.float64]
 
 #: Orders over the angle of each course over pressure, k: in proportion to traction (0), and what
-#: gives the sooner or the later, as a clamp that creeps (1, 2). Where an edge gives it eases its own
-#: traction, so what goes round the rim has a course of its own (1) as finely as it has a size.
+#: gives the sooner or the later, as a clamp that creeps (1, 2). Where an edge gives it eases its
+#: own traction, so what goes round the rim has a course of its own (1) as finely as it has a size.
 #: Order 0 in proportion to traction is a slip all round, which has an effect of its own.
 _ORDERS = {0: range(1, 13), 1: range(13), 2: range(3)}
 _WAVES = tuple(
