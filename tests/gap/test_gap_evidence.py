@@ -511,6 +511,31 @@ def test_what_is_hoped_of_a_model_is_a_thousandth_of_the_probability():
     assert beyond == pytest.approx(-2.0 * np.log(share), abs=1e-6)
 
 
+def test_what_ends_on_its_bound_without_a_group_is_hoped_of_as_there():
+    """A linear step leads a hundred standard errors below; the optimum on the bound is near."""
+    rng = np.random.default_rng(13)
+    rows = rng.normal(size=(400, 2)) @ np.array([[1.0, -0.5], [0.0, 0.1]])
+    measured = rows @ [0.01, 6.0] + rng.normal(size=400)
+    groups = [group("a", [1.0], lower=np.zeros(1)), group("b", [6.0])]
+    search = searched(linear(groups, rows, measured))
+    whole, less = (search.layout.whole(names) for names in ("ab", "a"))
+    fit = search.fit(whole, np.array([0.1, 0.0]))
+    assert fit is not None
+    smaller_fit = search.fit(less, fit.x)
+    assert smaller_fit is not None
+    assert smaller_fit.x[0] == 0.0
+    columns = search.layout.columns(less)
+    step = laplace(fit.here, search.layout, columns, 1.0)
+    before, _, _ = quadratic(fit.here, search.layout, columns, 1.0)
+    # what the share above the bound would make of a width
+    assert step.score + step.ahead - before - step.volume > 1e3
+    value, _, _ = quadratic(smaller_fit.here, search.layout, columns, 1.0)
+    hoped = search.hoped(fit, less, fit.here)
+    # no more is asked than a thousandth of the probability
+    assert value - hoped <= smaller_fit.score - fit.score - 2.0 * np.log(1e3) + 1e-6
+    assert hoped > fit.here.square - 50.0
+
+
 def test_all_models_are_found_as_enumeration_ranks_them():
     """Eight groups, correlated; every one of the 256 models is weighed by its marginal."""
     rng = np.random.default_rng(11)

@@ -37,6 +37,9 @@ class Laplace:
         -2 ln Z.
     ahead : float
         Part of it that the linear step takes off.
+    volume : float
+        Part of it that the widths of posterior and prior make up, all of the posterior being above
+        the bounds; elsewhere it is more.
     x : (n,) array
         All coordinates at the optimum; those out of the model at their null.
     covariance : (p, p) array
@@ -45,6 +48,7 @@ class Laplace:
 
     score: float
     ahead: float
+    volume: float
     x: Floats
     covariance: Floats
 
@@ -78,16 +82,17 @@ def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float
     width, lower = layout.width[columns], layout.lower[columns]
     covariance, log_det = inverted(matrix)
     step = covariance @ slope
-    score = value - slope @ step + log_det + 2.0 * np.log(width).sum()
+    volume = log_det + 2.0 * np.log(width).sum()
     bound = np.flatnonzero(np.isfinite(lower))
     mean = here.x[columns] + step
+    inside = 0.0
     if len(bound):
         inside = log_share_above(mean[bound], covariance[np.ix_(bound, bound)], lower[bound])
-        prior = log_ndtr((layout.null[columns][bound] - lower[bound]) / width[bound]).sum()
-        score += 2.0 * (prior - inside)
+        volume += 2.0 * log_ndtr((layout.null[columns][bound] - lower[bound]) / width[bound]).sum()
+    score = value - slope @ step + volume - 2.0 * inside
     x = np.array(layout.null)
     x[columns] = here.x[columns] + bounded_optimum(slope, matrix, lower - here.x[columns])
-    return Laplace(float(score), float(slope @ step), x, covariance)
+    return Laplace(float(score), float(slope @ step), float(volume), x, covariance)
 
 
 def inverted(matrix: Floats) -> tuple[Floats, float]:

@@ -20,7 +20,7 @@ from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
-from bulgefit.gap.evidence.laplace import laplace, quadratic
+from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.parallel.journal import kept
@@ -207,12 +207,11 @@ class Search(Generic[Kind]):
         """|r|²/v + Σ((x - n)/s)² by which a model has a thousandth of a fit's probability.
 
         What does not come down to that has no say, and need not be fitted to its end. With the
-        covariance that it has by the misfit `here`.
+        covariance that it has by the misfit `here`, and all of its posterior above the bounds:
+        where a linear step leads far below one the optimum is on it.
         """
         columns, inflation = self.layout.columns(model), self.problem.inflation
-        value, _, _ = quadratic(here, self.layout, columns, inflation)
-        forecast = laplace(here, self.layout, columns, inflation)
-        volume = forecast.score + forecast.ahead - value
+        volume = laplace(here, self.layout, columns, inflation).volume
         return fit.score + _REACH - volume - self.layout.believed(model)
 
     def scores(self, temper: float) -> dict[Model, float]:
