@@ -224,7 +224,8 @@ MUTANTS = (
         "inflation - away / width",
         EVIDENCE,
     ),
-    Mutant("gap/evidence/laplace.py", "2.0 * (prior - inside)", "2.0 * (inside - prior)", EVIDENCE),
+    Mutant("gap/evidence/laplace.py", "- 2.0 * inside", "+ 2.0 * inside", EVIDENCE),
+    Mutant("gap/evidence/search.py", "+ _REACH - volume", "- _REACH - volume", EVIDENCE),
     Mutant("gap/evidence/laplace.py", "held & (pull > 0.0)", "held & (pull < 0.0)", EVIDENCE),
     Mutant("gap/evidence/orthant.py", "0.5 * push**2 / rest", "push**2 / rest", EVIDENCE),
     Mutant("gap/evidence/orthant.py", "(1.0 - 6.0 / z**2)", "(1.0 + 6.0 / z**2)", EVIDENCE),
@@ -250,6 +251,13 @@ MUTANTS = (
     Mutant(
         "fem/tracing/levels.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"
     ),
+    Mutant(
+        "effects/fields/slip_field.py",
+        "1: range(13)",
+        "1: range(3)",
+        "effects/test_effects_fields.py",
+    ),
+    Mutant("fem/equilibrium.py", "RUN_AWAY = 10.0", "RUN_AWAY = 1e30", "fem/test_path.py"),
     Mutant("fem/equilibrium.py", "2.0 * np.maximum(-m", "np.maximum(-m", "fem/test_path.py"),
     Mutant("fem/membrane.py", ".sum()) / 3.0", ".sum()) / 2.0", "fem/test_path.py"),
     Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),
