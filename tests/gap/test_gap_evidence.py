@@ -512,7 +512,7 @@ def test_what_is_hoped_of_a_model_is_a_thousandth_of_the_probability():
 
 
 def test_what_ends_on_its_bound_without_a_group_is_hoped_of_as_there():
-    """A linear step leads a hundred standard errors below; the optimum on the bound is near."""
+    """A linear step leads many standard errors below; the optimum on the bound is near."""
     rng = np.random.default_rng(13)
     rows = rng.normal(size=(400, 2)) @ np.array([[1.0, -0.5], [0.0, 0.1]])
     measured = rows @ [0.01, 6.0] + rng.normal(size=400)
