@@ -251,6 +251,8 @@ MUTANTS = (
     Mutant(
         "fem/tracing/levels.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"
     ),
+    Mutant("fem/tracing/between.py", "np.argmax(errors)", "np.argmin(errors)", "fem/test_path.py"),
+    Mutant("fem/tracing/by_volume.py", ") * here.slope", ") * 0.0", "fem/test_path.py"),
     Mutant(
         "effects/fields/slip_field.py",
         "1: range(13)",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bulgefit.errors import Cause, InputError, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
@@ -15,10 +17,12 @@ from bulgefit.fem.equilibrium import NewtonError, flat_guess, solve
 from bulgefit.fem.geometry import SHAPE
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
-from bulgefit.fem.path import linear_interpolation_bound
+from bulgefit.fem.path import Path, linear_interpolation_bound
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
 from bulgefit.fem.volume_control import Point, at_volume
+
+Floats = NDArray[np.float64]
 
 LEVELS = np.linspace(0.001, 3.0, 200) / 10
 CONSTANTS = (303.0, 229.0, 5.0, 0.24)
@@ -433,7 +437,10 @@ def test_volume_leads_to_where_ellipticity_is_lost() -> None:
 
 
 def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
-    """One did from 1.774 to 1.89 bar, to a shape that is unstable: bands were told at 1.785 bar."""
+    """One did from 1.774 to 1.89 bar, to a shape that is unstable: bands were told at 1.785 bar.
+
+    And what the line through two points foretold was so far off that the path ended at 1.774 bar.
+    """
     heights = (-7.34093183, 6.93603176, 2.32165746, -1.23179184, -7.18763213)
     uneven = _uneven(heights, "hencky", refine=4, compliance=0.07412688842)
     membrane = Membrane(uneven.mesh, 0.81, angle=np.radians(73.96804470), fabric=uneven.fabric)
@@ -441,7 +448,8 @@ def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     with pytest.raises(SolveError) as caught:
         trace(membrane, stiffness)
     assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-    assert caught.value.reached == pytest.approx(0.17742, rel=2e-3)
+    # followed by 0.0002 bar at a time it turns at 1.8000 bar
+    assert caught.value.reached == pytest.approx(0.18, rel=2e-3)
     below = trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached))
     assert below.stable.all()
 
@@ -606,21 +614,37 @@ def test_a_path_goes_round_a_tangent_that_is_nothing() -> None:
     assert trace_by_quarter(membrane, stiffness).stable.all()
 
 
+def _volumes_off(path: Path, membrane: Membrane, stiffness: Floats, bar: Sequence[float]) -> Floats:
+    """Of the dense output, over those of shapes balanced from afar."""
+    volumes = []
+    for p in 0.1 * np.array(bar):
+        guess = flat_guess(membrane, p, stiffness)
+        balanced = solve(membrane, guess, p, stiffness, patient=True).displacement
+        volumes.append(membrane.volume(path(p)[0]) / membrane.volume(balanced) - 1.0)
+    return np.abs(volumes)
+
+
 def test_levels_stand_where_slack_cloth_draws_taut() -> None:
     """Followed from 0.001 bar none was found below 0.47 bar, and volumes were off by a fifth."""
     fabric = Fabric(slack=(-0.0120634, 0.014659))
     membrane = Membrane(disc(100.0, 1), 0.81, "yarn", fabric=fabric)
     stiffness = orthotropic_stiffness(355.835, 2492.84, 19.1489, 0.350383)
-    pressures = np.geomspace(2e-4, 0.04, 8)
     path = trace(membrane, stiffness)
     assert path.stable.all()
     assert path.wrinkled[0] > 0
     assert path.wrinkled[-1] == 0
-    for p, shape in zip(pressures, path(pressures), strict=True):
-        guess = flat_guess(membrane, p, stiffness)
-        balanced = solve(membrane, guess, p, stiffness, patient=True).displacement
-        volume = membrane.volume(balanced)
-        assert membrane.volume(shape) == pytest.approx(volume, rel=1e-3)
+    loose, taut = np.geomspace(0.002, 0.0091, 3), np.geomspace(0.019, 0.4, 5)
+    assert _volumes_off(path, membrane, stiffness, loose).max() < 0.02
+    assert _volumes_off(path, membrane, stiffness, taut).max() < 1e-3
+
+
+def test_loose_cloth_leaves_levels_for_where_it_is_taut() -> None:
+    """All thirty stood below 0.22 bar, and the next at 3 bar: shapes between were off by metres."""
+    membrane = Membrane(disc(100.0, 2), 0.81, "hencky", fabric=Fabric(slack=(0.00828, 0.01987)))
+    stiffness = orthotropic_stiffness(800.2, 3604.5, 35.25, 0.248)
+    path = trace(membrane, stiffness)
+    assert path.error_estimate < 0.5
+    assert _volumes_off(path, membrane, stiffness, [0.02, 0.1, 0.25, 0.6, 1.3, 2.2]).max() < 1e-3
 
 
 def test_levels_between_others_are_looked_for_with_patience() -> None:

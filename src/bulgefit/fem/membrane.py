@@ -403,6 +403,10 @@ class Membrane:
         """Volume V beneath a shape, mm³: homogeneous of third degree in x, so 3 V = x·∂V/∂x."""
         return float((self._lift(displacement) * (self.reference + displacement)).sum()) / 3.0
 
+    def volume_change(self, displacement: Floats, field: Floats) -> float:
+        """How that volume changes along a nodal field (n, 3): ∂V/∂x·field."""
+        return float((self._lift(displacement) * field).sum())
+
     def _lift(self, displacement: Floats) -> Floats:
         """∂V/∂x at all nodes, (n, 3) mm²."""
         out = np.empty_like(self.reference)

@@ -288,7 +288,7 @@ def _climb(tracer: Tracer, end: float, tolerance: float, *, leaps: bool) -> floa
         if tracer.elliptic:
             check_ellipticity(tracer)
         if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
-            fill(tracer, tolerance, _CLOSEST * end, _MOST)
+            fill(tracer, tolerance, _CLOSEST * end, (_MANY, _MOST))
         error = tracer.error(len(tracer.levels) - 2, AIM * tolerance)
         wanted = (AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s

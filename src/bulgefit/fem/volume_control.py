@@ -46,6 +46,8 @@ class Point:
         Under a given pressure: the tangent is positive definite.
     rises : bool
         More volume takes more pressure there: dV/dp = f·K⁻¹f > 0.
+    slope : (n, 3) array, mm/mm³
+        ∂u/∂V along the branch, K⁻¹f / f·K⁻¹f.
     work : int
         Factorisations spent.
     """
@@ -55,6 +57,7 @@ class Point:
     volume: float
     stable: bool
     rises: bool
+    slope: Floats
     work: int
 
 
@@ -93,7 +96,8 @@ def at_volume(
         pressure += float(rate)
         # what follows a correction is of the order of its square
         if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
-            return Point(displacement, pressure, volume, stable, growth > 0.0, iteration)
+            slope = membrane.spread(ahead) / growth
+            return Point(displacement, pressure, volume, stable, growth > 0.0, slope, iteration)
         longer += size >= before
         if longer == _LONGER:
             break

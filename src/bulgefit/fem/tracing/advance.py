@@ -53,21 +53,21 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     # what failed in the last step is likely to in the next
     if descend and tracer.by_descent:
         attempts = attempts[1:]
-    for share, follow in attempts[-1:] if tracer.by_volume else attempts:
+    for share, follow in attempts[-1:] if tracer.closely else attempts:
         s = last + share * step
         start = tracer.predict(s)
         try:
             tracer.solve(s, start if follow else tracer.lower(start, s), follow=follow)
-            tracer.by_volume, tracer.by_descent = False, not follow
+            tracer.closely, tracer.by_descent = False, not follow
             return share
         except NewtonError as error:
             failure = error
             tracer.descends &= follow
+    tracer.closely, tracer.by_descent = True, False
     if loose and tracer.creeps:
         tracer.creeps = _creep(tracer, _SHORTER_STILL[:1], step, patient=False)
         if tracer.creeps:
             return (tracer.levels[-1].s - last) / step
-    tracer.by_volume, tracer.by_descent = True, False
     try:
         go_by_volume(tracer, last + min(_SHORTER) * step, failure)
     except StoppedError as stopped:

@@ -18,26 +18,33 @@ Floats = NDArray[np.float64]
 AIM, _SURE = 0.1, 0.8
 
 
-def fill(tracer: Tracer, tolerance: float, closest: float, most: int) -> None:
-    """Put levels in between until the dense output is within tolerance, or there are `most`.
+def fill(tracer: Tracer, tolerance: float, closest: float, most: tuple[int, int]) -> None:
+    """Put levels in between until the dense output is within tolerance, or there are so many.
 
-    The newest level changes the stencils of the intervals below it, so these are looked at too.
-    Beside a singular tangent there may be no smooth level, and an error remains.
+    Levels that descent has to find are those of cloth that lies loosely, where halving a step gains
+    little: of these there are no more than the first of `most`, which leaves some for the rest. The
+    newest level changes the stencils of the intervals below it, so these are looked at too, the
+    worst one first. Beside a singular tangent there may be no smooth level, and an error remains.
     """
-    singular = set()
-    after = len(tracer.levels) - 2
-    lowest = max(0, after - STENCIL + 1)
-    while after >= lowest and len(tracer.levels) < most:
+    lowest = max(0, len(tracer.levels) - 1 - STENCIL)
+    singular: set[float] = set()
+
+    def lacking(after: int) -> float:
         low, high = tracer.levels[after].s, tracer.levels[after + 1].s
         error = tracer.error(after, AIM * tolerance)
         done = error <= _SURE * tolerance or high - low < closest or low in singular
-        if not done and tracer.wasted <= PATIENCE:
-            try:
-                _put_between(tracer, tracer.levels[after], tracer.levels[after + 1])
-                after = min(after + STENCIL, len(tracer.levels) - 1)
-            except NewtonError:
-                singular.add(low)
-        after -= 1
+        return 0.0 if done else error
+
+    while tracer.wasted <= PATIENCE and len(tracer.levels) < most[not tracer.between_by_descent]:
+        errors = [lacking(after) for after in range(lowest, len(tracer.levels) - 1)]
+        if not max(errors) > 0.0:
+            break
+        worst = lowest + int(np.argmax(errors))
+        low, high = tracer.levels[worst], tracer.levels[worst + 1]
+        try:
+            _put_between(tracer, low, high)
+        except NewtonError:
+            singular.add(low.s)
 
 
 def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
@@ -52,15 +59,23 @@ def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
     NewtonError
     """
     s = 0.5 * (low.s + high.s)
-    try:
-        tracer.solve(s, tracer.interpolate(s), follow=True)
-    except NewtonError:
-        ends = (low, high)
-        wrinkled = any(end.wrinkled for end in ends) and all(end.stable for end in ends)
-        if not (wrinkled and all(tracer.is_elliptic(end.displacement) for end in ends)):
-            raise
-        tracer.solve(s, high.displacement, follow=False, patient=True)
-        _check_between(tracer, low, high)
+    if not (tracer.between_by_descent and _may_descend(tracer, low, high)):
+        try:
+            tracer.solve(s, tracer.interpolate(s), follow=True)
+            return
+        except NewtonError:
+            if not _may_descend(tracer, low, high):
+                raise
+    tracer.solve(s, high.displacement, follow=False, patient=True)
+    tracer.between_by_descent = True
+    _check_between(tracer, low, high)
+
+
+def _may_descend(tracer: Tracer, low: Level, high: Level) -> bool:
+    """Whether descent between two levels keeps to their branch: stable, elliptic, with wrinkles."""
+    ends = (low, high)
+    wrinkled = any(end.wrinkled for end in ends) and all(end.stable for end in ends)
+    return wrinkled and all(tracer.is_elliptic(end.displacement) for end in ends)
 
 
 def _check_between(tracer: Tracer, low: Level, high: Level) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, given_up, lost_at
-from bulgefit.fem.tracing.levels import ROUGH, Tracer
+from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["go_by_volume"]
@@ -32,14 +32,14 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
         At the limit pressure, where the law loses ellipticity, or where this does not do either.
     """
     last = tracer.levels[-1]
-    volume = tracer.membrane.volume(last.displacement)
-    points = [Point(last.displacement, last.s**3, volume, last.stable, True, 0)]
-    growth = _first_growth(tracer, volume)
+    here = _of_level(tracer, last)
+    points = [here]
+    growth = _first_growth(tracer, here.volume)
     for _ in range(_BY_VOLUME):
         here = points[-1]
         wanted = here.volume + growth * abs(here.volume)
         try:
-            point = _at_volume(tracer, points, wanted)
+            point = _at_volume(tracer, here, wanted)
         except NewtonError as error:
             tracer.work, tracer.wasted = tracer.work + error.work, tracer.wasted + error.work
             growth *= 0.5
@@ -73,6 +73,14 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
     raise given_up(tracer, failure, last.s)
 
 
+def _of_level(tracer: Tracer, level: Level) -> Point:
+    """A level as a point of its branch: ∂u/∂V is ∂u/∂s over ∂V/∂s = f·∂u/∂s."""
+    membrane = tracer.membrane
+    volume = membrane.volume(level.displacement)
+    slope = level.slope / membrane.volume_change(level.displacement, level.slope)
+    return Point(level.displacement, level.s**3, volume, level.stable, True, slope, 0)
+
+
 def _first_growth(tracer: Tracer, volume: float) -> float:
     """Share of the volume (mm³) of the last level by which a first step goes beyond it.
 
@@ -85,23 +93,22 @@ def _first_growth(tracer: Tracer, volume: float) -> float:
     return min(_GROWTH, max(_LEAST_GROWTH, grown / abs(volume)))
 
 
-def _at_volume(tracer: Tracer, points: list[Point], volume: float) -> Point:
-    """The point of a branch at a volume above that of the last of `points`.
+def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
+    """The point of a branch at a volume above that of `here`, begun along its tangent.
 
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
     another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
-    where the law is not elliptic and a shape is not the one that the last two lead to: between them
+    where the law is not elliptic and a shape is not the one that the tangent leads to: between them
     bands of shear may have come.
 
     Raises
     ------
     NewtonError
     """
-    here = points[-1]
-    start = _ahead(points, volume)
+    start = here.displacement + (volume - here.volume) * here.slope
     point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
-    departs = tracer.elliptic and len(points) > 1 and _departs(start, here, point)
+    departs = tracer.elliptic and _departs(start, here, point)
     banded = departs and not tracer.is_elliptic(here.displacement)
     if banded or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
@@ -137,16 +144,6 @@ def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
         else:
             high = middle
     return low, high
-
-
-def _ahead(points: list[Point], volume: float) -> Floats:
-    """The shape at a volume, on the line through the last two points."""
-    here = points[-1]
-    if len(points) < 2:
-        return here.displacement
-    before = points[-2]
-    share = (volume - here.volume) / (here.volume - before.volume)
-    return here.displacement + share * (here.displacement - before.displacement)
 
 
 def _limit(tracer: Tracer, points: list[Point], failure: NewtonError) -> StoppedError:

@@ -72,9 +72,9 @@ class Tracer:
         self.closing_in = False
         #: Descent is long where it fails, so it is not tried again then.
         self.descends, self.creeps = True, True
-        #: Whether the last level was one that no step in pressure had found, or no search along the
-        #: path.
-        self.by_volume, self.by_descent = False, False
+        #: Whether no step in pressure had found the last level by a search along the path, however
+        #: short, or descent had; and whether descent had found the last one between others.
+        self.closely, self.by_descent, self.between_by_descent = False, False, False
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
