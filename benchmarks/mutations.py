@@ -244,15 +244,18 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "departs and not tracer",
-        "departs and tracer",
+        "doubtful and _leaps(",
+        "not doubtful and _leaps(",
         "fem/test_path.py",
     ),
     Mutant(
         "fem/tracing/levels.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"
     ),
     Mutant("fem/tracing/between.py", "np.argmax(errors)", "np.argmin(errors)", "fem/test_path.py"),
-    Mutant("fem/tracing/by_volume.py", ") * here.slope", ") * 0.0", "fem/test_path.py"),
+    Mutant(
+        "fem/tracing/by_volume.py", "middle).max() > c", "middle).max() < c", "fem/test_path.py"
+    ),
+    Mutant("fem/tracing/ends.py", "raise lost_at(tracer, high, s", "break  # (", "fem/test_path.py"),
     Mutant(
         "effects/fields/slip_field.py",
         "1: range(13)",

@@ -454,6 +454,26 @@ def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     assert below.stable.all()
 
 
+def test_a_loss_is_no_other_branch_and_no_kink() -> None:
+    """At 0.33 bar a long step led to an unstable shape of another branch, which was told as a loss.
+
+    At 0.68 bar a wrinkle came, and what lies behind that kink was taken for another branch.
+    """
+    heights = (2.37354404, 9.33953452, 6.12841382, -9.11946428, -9.13707534)
+    membrane = _uneven(heights, "hencky", refine=2, compliance=0.00256769736)
+    stiffness = orthotropic_stiffness(367.5585007, 47.24744207, 0.5115539887, 0.3627062696)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == pytest.approx(0.11977, rel=2e-3)
+    below = trace(membrane, stiffness, (1e-4, 0.08))
+    before, shape = below(0.0798)[0], below(0.08)[0]
+    for p in np.arange(0.0802, 0.0841, 2e-4):
+        balance = solve(membrane, 2.0 * shape - before, p, stiffness, follow=True)
+        assert balance.stable
+        before, shape = shape, balance.displacement
+
+
 @pytest.mark.parametrize("g12", [20.0, 3.0])
 def test_slack_cloth_of_soft_shear_is_traced_as_far_as_it_is_elliptic(g12: float) -> None:
     """Leaps alone left no estimate of the error, and shapes off by millimetres under 0.05 bar."""

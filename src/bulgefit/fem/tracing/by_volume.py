@@ -99,8 +99,8 @@ def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
     another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
-    where the law is not elliptic and a shape is not the one that the tangent leads to: between them
-    bands of shear may have come.
+    where the law is not elliptic and the branch leaps: between two shapes bands of shear may have
+    come.
 
     Raises
     ------
@@ -108,17 +108,32 @@ def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
     """
     start = here.displacement + (volume - here.volume) * here.slope
     point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
-    departs = tracer.elliptic and _departs(start, here, point)
-    banded = departs and not tracer.is_elliptic(here.displacement)
+    doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
+    banded = doubtful and _leaps(tracer, here, point, start)
     if banded or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
     return point
 
 
-def _departs(start: Floats, here: Point, point: Point) -> bool:
-    """Whether a shape is `ROUGH` of its change away from where the branch was heading."""
-    change = np.abs(point.displacement - here.displacement).max()
-    return bool(np.abs(point.displacement - start).max() > ROUGH * change)
+def _leaps(tracer: Tracer, here: Point, point: Point, start: Floats) -> bool:
+    """Whether a shape is on another branch than the one before it.
+
+    It is on the same where the tangent led to it but for `ROUGH` of the change. Where a wrinkle
+    comes or goes the branch has a kink, and its tangent leads elsewhere however short a step is;
+    but then the shape halfway lies in the middle, which it does not between two branches.
+
+    Raises
+    ------
+    NewtonError
+    """
+    close = ROUGH * np.abs(point.displacement - here.displacement).max()
+    if np.abs(point.displacement - start).max() <= close:
+        return False
+    middle = 0.5 * (here.displacement + point.displacement)
+    pressure, volume = 0.5 * (here.pressure + point.pressure), 0.5 * (here.volume + point.volume)
+    halfway = at_volume(tracer.membrane, tracer.stiffness, middle, pressure, volume)
+    tracer.work += halfway.work
+    return bool(np.abs(halfway.displacement - middle).max() > close)
 
 
 def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:

@@ -63,7 +63,9 @@ def check_ellipticity(tracer: Tracer) -> None:
     """Stop a path that is unstable because the law has lost ellipticity.
 
     A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
-    is positive definite the shape is that of the mesh's least potential, and the path goes on.
+    is positive definite the shape is that of the mesh's least potential, and the path goes on. A
+    long step may also have led past that shape, to an unstable one of another branch: where the
+    path is sound all the way up to it, the level is the sound one.
 
     Raises
     ------
@@ -77,11 +79,32 @@ def check_ellipticity(tracer: Tracer) -> None:
     first = sound.index(False)
     if first == 0:
         raise lost_at(tracer, levels[0].s, 0.0)
-    low, high, shape = levels[first - 1].s, levels[first].s, levels[first - 1].displacement
+    below, top = levels[first - 1], levels[first].s
+    s, shape, slope = below.s, below.displacement, below.slope
+    while s < top:
+        s, high, shape, slope = _bisected(tracer, s, top, shape, slope)
+        # what a long step did not find there may be found from near by
+        found = tracer.sound_from(shape + (high - s) * slope, high)
+        if found is None:
+            raise lost_at(tracer, high, s, shape)
+        s, shape = high, found
+    del levels[first:]
+    tracer.solve(top, shape, follow=True, rough=True)
+
+
+def _bisected(
+    tracer: Tracer, low: float, high: float, shape: Floats, slope: Floats
+) -> tuple[float, float, Floats, Floats]:
+    """The last s from which on no sound shape was found along the path, and the next one.
+
+    With the shape at the first, and the slope that led to it.
+    """
     while high - low > BRACKET * high:
         middle = 0.5 * (low + high)
-        if (found := tracer.sound_at(middle)) is not None:
-            low, shape = middle, found
-        else:
+        found = tracer.sound_from(shape + (middle - low) * slope, middle)
+        if found is None:
             high = middle
-    raise lost_at(tracer, high, low, shape)
+        else:
+            slope = (found - shape) / (middle - low)
+            low, shape = middle, found
+    return low, high, shape, slope

@@ -84,16 +84,14 @@ class Tracer:
         """Whether the law is elliptic all over a shape."""
         return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
-    def sound_at(self, s: float) -> Floats | None:
-        """The shape balanced from the dense output where it is stable, or the law elliptic there.
+    def sound_from(self, guess: Floats, s: float) -> Floats | None:
+        """The shape balanced from a guess where it is stable, or the law elliptic there.
 
         Of the dense output itself it would not do: where shear is soft, its 3e-4 mm move the
         pressure at which a path turns unstable by a hundredth.
         """
         try:
-            balance = solve(
-                self.membrane, self.interpolate(s), s**3, self.stiffness, follow=True, exact=True
-            )
+            balance = solve(self.membrane, guess, s**3, self.stiffness, follow=True, exact=True)
         except NewtonError as error:
             self.work += error.work
             return None
