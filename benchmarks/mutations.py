@@ -255,7 +255,9 @@ MUTANTS = (
     Mutant(
         "fem/tracing/by_volume.py", "middle).max() > c", "middle).max() < c", "fem/test_path.py"
     ),
-    Mutant("fem/tracing/ends.py", "raise lost_at(tracer, high, s", "break  # (", "fem/test_path.py"),
+    Mutant(
+        "fem/tracing/ends.py", "raise lost_at(tracer, high, s", "break  # (", "fem/test_path.py"
+    ),
     Mutant(
         "effects/fields/slip_field.py",
         "1: range(13)",

@@ -340,3 +340,17 @@ def test_derivative_of_an_absent_effect_goes_through_those_that_see_after_it(
 def near() -> dict[int, object]:
     """Shapes of the states, to start from."""
     return {}
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+def test_coordinates_go_there_and_back(effect: Effect) -> None:
+    """And beyond them lies no stiffness that is nothing: the logarithm of what multiplies one."""
+    for p in effect.parameters:
+        for value in np.linspace(p.lower, p.upper, 7)[1:-1]:
+            at = p.to_coordinate(value)
+            assert p.from_coordinate(at) == pytest.approx(value, rel=1e-12, abs=1e-15)
+            if p.coordinate == "log":
+                slope = (p.from_coordinate(at + 1e-5) - p.from_coordinate(at - 1e-5)) / 2e-5
+                assert p.slope(value) == pytest.approx(slope, rel=1e-8)
+        if p.origin is not None:
+            assert p.from_coordinate(-40.0) == pytest.approx(p.origin, abs=1e-15)

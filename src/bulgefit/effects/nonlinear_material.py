@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from bulgefit.effects.base import Effect, Own, several
@@ -40,11 +41,12 @@ class NonlinearMaterial(Effect):
                 "1",
                 -0.95,
                 3.0,
-                prior=0.5,
-                reason="coatings crack and crimp straightens: slopes change by a half",
+                prior=math.log(2.0),
+                reason="coatings crack and crimp straightens: slopes halve or double",
                 step=1e-3,
                 start=0.3,
-                origin=-1.0,  # the slope beyond the knee is E(1 + s)
+                coordinate="log",  # of the slope beyond the knee, E(1 + s): it is never nothing
+                origin=-1.0,
             )
             for name in _KNEES[:2]
         ),

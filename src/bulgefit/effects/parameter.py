@@ -117,10 +117,11 @@ class Parameter:
         Where a fit starts; None: at the null. Off the null where the effect is of second order
         there, on either side of it where both are plausible.
     coordinate : {"linear", "log", "square"}
-        What fits step in: what multiplies a stiffness is more nearly linear in its logarithm, and
-        a length that acts through its square in that.
+        What fits step in: what multiplies a stiffness is more nearly linear in the logarithm of its
+        distance from `origin`, and a length that acts through its square in that.
     origin : float or None
-        Where it would take a stiffness that it multiplies to nothing; None: it multiplies none.
+        Where it would take a stiffness that it multiplies to nothing; None: it multiplies none, and
+        logarithms are of the value.
     governor : str or None
         Another of the effect's parameters, where which is at its null this one means nothing: a
         lift's amplitude governs its direction.
@@ -147,16 +148,21 @@ class Parameter:
         """Whether the plausible range begins where the effect is absent: no edge to be held at."""
         return self.null == self.lower
 
+    def from_origin(self, value: float) -> float:
+        """How far a value is from the origin."""
+        return value - (self.origin or 0.0)
+
     def to_coordinate(self, value: float) -> float:
         """The coordinate of a value."""
         if self.coordinate == "log":
-            return math.log(value)
+            return math.log(self.from_origin(value))
         return value * abs(value) if self.coordinate == "square" else value
 
     def from_coordinate(self, coordinate: float) -> float:
         """The value at a coordinate; infinite where no number is as large."""
         if self.coordinate == "log":
-            return math.exp(coordinate) if coordinate < _LARGEST else math.inf
+            far = math.exp(coordinate) if coordinate < _LARGEST else math.inf
+            return (self.origin or 0.0) + far
         if self.coordinate == "square":
             return math.copysign(math.sqrt(abs(coordinate)), coordinate)
         return coordinate
@@ -166,7 +172,7 @@ class Parameter:
 
         but by squares where that is the coordinate.
         """
-        return value if self.coordinate == "log" else 1.0
+        return self.from_origin(value) if self.coordinate == "log" else 1.0
 
     def by_value(self, value: float) -> float:
         """∂(what the model differentiates by)/∂value; of squares also from none at all on."""

@@ -267,7 +267,7 @@ def _of_moduli(problem: Problem, z: Floats, size: float) -> Floats:
     """Change of the coordinates where every modulus is larger by a share."""
     values = problem.values(z)
     grown = {
-        p.name: values[p.name] * (1.0 + size) if p.coordinate == "log" else values[p.name]
+        p.name: values[p.name] * (1.0 + size) if p.unit == "MPa" else values[p.name]
         for p in problem.free
     }
     return problem.coordinates(grown) - z

@@ -184,7 +184,7 @@ def _coordinate(
     null = p.to_coordinate(value)
     width = {
         "linear": p.prior,
-        "log": p.prior / value if value else p.prior,
+        "log": p.prior / (p.from_origin(value) or 1.0),
         "square": p.prior**2,
     }[p.coordinate]
     lower = null if p.begins_at_null else -math.inf
