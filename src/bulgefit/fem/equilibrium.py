@@ -11,7 +11,7 @@ from bulgefit.errors import Cause
 from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane, State
 
-__all__ = ["Equilibrium", "NewtonError", "flat_guess", "solve"]
+__all__ = ["Equilibrium", "NewtonError", "RunAwayError", "flat_guess", "solve"]
 
 Floats = NDArray[np.float64]
 
@@ -54,6 +54,10 @@ class NewtonError(ArithmeticError):
         self.iteration = iteration
         self.residual_norm = residual_norm
         self.work = work
+
+
+class RunAwayError(NewtonError):
+    """Descent goes on without end, as above a limit pressure: nothing stable balances there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +186,7 @@ def solve(
         before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         if np.abs(displacement).max() > RUN_AWAY * membrane.radius:
-            raise NewtonError("the shape runs away", iteration, _norm(state), search.work)
+            raise RunAwayError("the shape runs away", iteration, _norm(state), search.work)
         step = float(np.abs(displacement - before).max())
         ahead = float(np.abs(correction).max())
         enough = RENEWED_ABOVE * unit

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +24,7 @@ from bulgefit.fem.tracing.ends import (
     solve_error,
 )
 from bulgefit.fem.tracing.levels import BandedError, Tracer
+from bulgefit.fem.tracing.settle import settle
 
 __all__ = ["TOLERANCE", "Traced", "trace", "traced"]
 
@@ -36,11 +36,9 @@ TOLERANCE = 1e-3
 _SMALLEST_STEP = 1e-4
 #: Levels closer than this share of the range get none in between.
 _CLOSEST = 0.02
-#: A path that stops at soft shear, G12 under this share of D11 + D22, starts anew with tolerances
-#: this much coarser: longer steps leap over the singular points that stopped it.
-_SOFT_SHEAR, _RESTARTS = 0.05, (1.0, 10.0, 100.0)
-#: Levels over the rest of the range once a path has been left for a stable one.
-_SETTLED = 6
+#: G12 under this share of D11 + D22 is soft shear: beyond ellipticity steps leap over the singular
+#: points of the path.
+_SOFT_SHEAR = 0.05
 #: A smooth path takes five to fifteen levels (docs/performance.md). One that takes more has kinks,
 #: where cloth that lay loosely draws taut, and where halving a step gains little: after so many
 #: levels steps are as long as it takes to end within the greater number, and no more are put in
@@ -157,41 +155,61 @@ def traced(
     if (refused := _refused(stiffness, low, shown)) is not None:
         return Traced(None, refused)
     soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
-    spent = 0
+    within, spent = None, 0
+
+    def elliptic(begun: Sequence[tuple[float, Floats]]) -> Traced:
+        return traced(
+            membrane, stiffness, (low, high), tolerance=tolerance,
+            sensitivities=sensitivities, parameters=parameters, begun=begun,
+        )  # fmt: skip
+
     if soft and not begun and membrane.fabric.lies_loosely:
         # descents find what no leap does, and are sound as far as the law is elliptic
-        within = traced(
-            membrane, stiffness, (low, high), tolerance=tolerance,
-            sensitivities=sensitivities, parameters=parameters,
-        )  # fmt: skip
+        within = elliptic(begun)
         if within.error is None:
             return within
-        if within.path is not None:
-            begun, spent = _reached(within.path, within.error), within.path.factorisations
-    tolerance *= membrane.radius / 100.0
-    for coarser in _RESTARTS if soft else (1.0,):
-        tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
-        tracer.work = spent
-        try:
-            if not _go_on(tracer, begun):
-                _start(tracer, np.cbrt(low), np.cbrt(high))
-            worst = _climb(tracer, np.cbrt(high), coarser * tolerance, leaps=soft)
-            return Traced(_path(tracer, worst))
-        except StoppedError as stopped:
-            ended = Traced(
-                _path(tracer, np.inf) if tracer.levels else None,
-                solve_error(tracer, stopped, shown),
-                stopped.shape,
-            )
-        except NewtonError as error:
-            nowhere = StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
-            return Traced(None, solve_error(tracer, nowhere, shown))
-        spent = tracer.work
-    if soft:
-        with suppress(NewtonError):
-            _settle(tracer, np.cbrt(high))
-            return Traced(_path(tracer, np.inf))
-    return ended
+        begun, spent = _reached(within), _work(within)
+    tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
+    tracer.work = spent
+    try:
+        if not _go_on(tracer, begun):
+            _start(tracer, np.cbrt(low), np.cbrt(high))
+        worst = _climb(tracer, np.cbrt(high), tolerance * membrane.radius / 100.0, leaps=soft)
+        return Traced(_path(tracer, worst))
+    except StoppedError as stopped:
+        if not soft:
+            return _ended(tracer, stopped, shown)
+    except NewtonError as error:
+        nowhere = StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
+        return Traced(None, solve_error(tracer, nowhere, shown))
+    within = within or elliptic(begun)
+    return _settled(tracer, within, np.cbrt(high), shown)
+
+
+def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, float]) -> Traced:
+    """Where leaps stop: the path as far as the law is elliptic, and from there on by descent."""
+    if within.error is None or within.error.cause is Cause.LIMIT_PRESSURE:
+        return within
+    tracer = Tracer(leapt.membrane, leapt.stiffness, leapt.sensitivities, elliptic=False)
+    tracer.work = leapt.work + _work(within)
+    if _go_on(tracer, _reached(within)):
+        last = tracer.levels[-1]
+        s, shape = last.s, last.displacement
+        if within.last is not None:
+            s, shape = np.cbrt(within.error.reached), within.last
+    else:
+        tracer = leapt
+        s, shape = tracer.levels[-1].s, tracer.levels[-1].displacement
+    try:
+        settle(tracer, s, shape, end)
+    except StoppedError as stopped:
+        return _ended(tracer, stopped, shown)
+    return Traced(_path(tracer, np.inf))
+
+
+def _ended(tracer: Tracer, stopped: StoppedError, shown: Mapping[str, float]) -> Traced:
+    path = _path(tracer, np.inf) if tracer.levels else None
+    return Traced(path, solve_error(tracer, stopped, shown), stopped.shape)
 
 
 def _refused(stiffness: Floats, low: float, shown: Mapping[str, float]) -> SolveError | None:
@@ -205,10 +223,17 @@ def _refused(stiffness: Floats, low: float, shown: Mapping[str, float]) -> Solve
     )  # fmt: skip
 
 
-def _reached(path: Path, error: SolveError) -> list[tuple[float, Floats]]:
+def _reached(found: Traced) -> list[tuple[float, Floats]]:
     """Levels (MPa, (n, 3) array) of a path that ends, up to the pressure that was reached."""
-    levels = zip(path.pressure.tolist(), path.displacement, strict=True)
-    return [(p, shape) for p, shape in levels if p <= error.reached]
+    if found.path is None or found.error is None:
+        return []
+    levels = zip(found.path.pressure.tolist(), found.path.displacement, strict=True)
+    return [(p, shape) for p, shape in levels if p <= found.error.reached]
+
+
+def _work(found: Traced) -> int:
+    """Factorisations spent."""
+    return 0 if found.path is None else found.path.factorisations
 
 
 def _go_on(tracer: Tracer, begun: Sequence[tuple[float, Floats]]) -> bool:
@@ -310,18 +335,6 @@ def _first_step(membrane: Membrane, stiffness: Floats) -> float:
     """A step in s that is small against (E t/a)^(1/3), the scale on which shapes change."""
     scale = 0.5 * (stiffness[0] + stiffness[1]) * membrane.thickness / membrane.radius
     return 0.08 * float(np.cbrt(scale))
-
-
-def _settle(tracer: Tracer, end: float) -> None:
-    """Leave a path that cannot be followed for a stable one, by descent of the potential.
-
-    Beyond the loss of ellipticity a soft shear modulus leaves many equilibria. The stable ones
-    have bands as wide as a cell; they are equilibria all the same, and tell a search more than a
-    failure would. Nothing is claimed of the dense output between them.
-    """
-    for s in np.linspace(tracer.levels[-1].s, end, _SETTLED + 1)[1:]:
-        tracer.solve(s, tracer.levels[-1].displacement, follow=False)
-        tracer.forget()
 
 
 def _path(tracer: Tracer, worst: float) -> Path:
