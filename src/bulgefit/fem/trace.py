@@ -268,9 +268,11 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
             shape = flat_guess(membrane, pressures[0], stiffness)
             try:
                 for p in pressures[:-1]:
-                    balance = solve(membrane, shape, p, stiffness)
+                    balance = solve(membrane, shape, p, stiffness, patient=True)
                     tracer.work += balance.factorisations
                     shape = balance.displacement
+                    if tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape):
+                        raise lost_at(tracer, low, 0.0)
                 tracer.solve(low, shape, follow=False)
                 return
             except BandedError as banded:

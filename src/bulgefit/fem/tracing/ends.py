@@ -87,7 +87,7 @@ def check_ellipticity(tracer: Tracer) -> None:
         found = tracer.sound_from(shape + (high - s) * slope, high)
         if found is None:
             raise lost_at(tracer, high, s, shape)
-        s, shape = high, found
+        s, (shape, slope) = high, found
     del levels[first:]
     tracer.solve(top, shape, follow=True, rough=True)
 
@@ -97,7 +97,7 @@ def _bisected(
 ) -> tuple[float, float, Floats, Floats]:
     """The last s from which on no sound shape was found along the path, and the next one.
 
-    With the shape at the first, and the slope that led to it.
+    With the shape at the first, and its slope.
     """
     while high - low > BRACKET * high:
         middle = 0.5 * (low + high)
@@ -105,6 +105,5 @@ def _bisected(
         if found is None:
             high = middle
         else:
-            slope = (found - shape) / (middle - low)
-            low, shape = middle, found
+            low, (shape, slope) = middle, found
     return low, high, shape, slope

@@ -84,8 +84,8 @@ class Tracer:
         """Whether the law is elliptic all over a shape."""
         return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
-    def sound_from(self, guess: Floats, s: float) -> Floats | None:
-        """The shape balanced from a guess where it is stable, or the law elliptic there.
+    def sound_from(self, guess: Floats, s: float) -> tuple[Floats, Floats] | None:
+        """The shape balanced from a guess, and its ∂u/∂s, where it is stable or the law elliptic.
 
         Of the dense output itself it would not do: where shear is soft, its 3e-4 mm move the
         pressure at which a path turns unstable by a hundredth.
@@ -96,8 +96,9 @@ class Tracer:
             self.work += error.work
             return None
         self.work += balance.factorisations
-        sound = balance.stable or self.is_elliptic(balance.displacement)
-        return balance.displacement if sound else None
+        if not (balance.stable or self.is_elliptic(balance.displacement)):
+            return None
+        return balance.displacement, slope_in_pressure(self.membrane, balance, self.stiffness)
 
     def solve(
         self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
