@@ -265,6 +265,12 @@ MUTANTS = (
         "effects/test_effects_fields.py",
     ),
     Mutant("fem/equilibrium.py", "RUN_AWAY = 10.0", "RUN_AWAY = 1e30", "fem/test_path.py"),
+    Mutant(
+        "fem/tracing/settle.py",
+        "if isinstance(error",
+        "if not isinstance(error",
+        "fem/test_path.py",
+    ),
     Mutant("fem/equilibrium.py", "2.0 * np.maximum(-m", "np.maximum(-m", "fem/test_path.py"),
     Mutant("fem/membrane.py", ".sum()) / 3.0", ".sum()) / 2.0", "fem/test_path.py"),
     Mutant("fem/laws/hencky.py", "- 3.0 * g_s) / (2.0 * s)", "- 2.0 * g_s) / (2.0 * s)", LAWS),
