@@ -228,3 +228,13 @@ def test_missing_extras_are_named(test, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
     with pytest.raises(InputError, match=r"pip install \"bulgefit\[pandas\]\""):
         test.to_dataframe()
+
+
+def test_slack_cloth_is_simulated_between_the_levels_of_its_path() -> None:
+    """Folds come and go there: no step along the path led to its shape at 0.1 bar."""
+    slack = {"prestrain.slack_x": 0.008, "prestrain.slack_y": 0.02}
+    moduli = {"E1": 800.0, "E2": 3600.0, "G12": 35.0, "nu12": 0.25}
+    shapes = bulgefit.simulate(moduli, [0.002, 0.01, 0.025], effects=slack, correct_mesh=False)
+    assert shapes.stable
+    assert (np.diff(shapes.apex) > 0.0).all()
+    assert 11.0 < shapes.apex[0] < shapes.apex[-1] < 17.0

@@ -274,9 +274,10 @@ class Inflation:
         pressure = np.asarray(given.load.balanced, dtype=float)
         rest = pressure <= 0.0
         pressure = np.maximum(pressure, LEAST_PRESSURE)
-        work = 0
+        work, loose = 0, False
         if guesses is None:
             guesses, work = self._guesses(membrane, given, pressure, values)
+            loose = membrane.fabric.lies_loosely
         guesses[:, membrane.fixed] = 0.0
         if given.edge is not None:
             rim = self.mesh.rim
@@ -293,11 +294,14 @@ class Inflation:
                 return np.zeros_like(guesses[frame]), True, 0, 0
             if quarter is not None:
                 return _by_quarter(
-                    membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values
-                )
+                    membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values,
+                    loose=loose,
+                )  # fmt: skip
             own = membrane if given.eased is None else membrane.eased(float(given.eased[frame]))
             own = own if given.edge is None else own.pulled_at(given.edge[frame, :, :2])
-            balance = _solved(own, guesses[frame], pressure[frame], given.stiffness, values)
+            balance = _solved(
+                own, guesses[frame], pressure[frame], given.stiffness, values, loose=loose
+            )
             if changes:
                 forces.fields(balance, frame, fields[:, frame])
             return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
@@ -539,9 +543,11 @@ def _by_quarter(
     pressure: float,
     stiffness: Floats,
     values: dict[str, float],
+    *,
+    loose: bool,
 ) -> tuple[Floats, bool, int, int]:
     """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
-    balance = _solved(quarter.even, guess[quarter.kept], pressure, stiffness, values)
+    balance = _solved(quarter.even, guess[quarter.kept], pressure, stiffness, values, loose=loose)
     stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
     whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
     if wrinkled:
@@ -550,11 +556,26 @@ def _by_quarter(
 
 
 def _solved(
-    membrane: Membrane, guess: Floats, pressure: float, stiffness: Floats, values: dict[str, float]
+    membrane: Membrane,
+    guess: Floats,
+    pressure: float,
+    stiffness: Floats,
+    values: dict[str, float],
+    *,
+    loose: bool,
 ) -> Equilibrium:
-    """Balance one frame; raises SolveError."""
+    """Balance one frame; raises SolveError.
+
+    Between the levels of a path of `loose` cloth folds come and go, and its dense output may be too
+    far off for a search along the path: descent finds the shape, as it finds the levels.
+    """
     try:
-        return solve(membrane, guess, float(pressure), stiffness, follow=True)
+        try:
+            return solve(membrane, guess, float(pressure), stiffness, follow=True)
+        except NewtonError:
+            if not loose:
+                raise
+            return solve(membrane, guess, float(pressure), stiffness)
     except NewtonError as error:
         raise SolveError(
             f"no equilibrium near the last shape: {error.reason}",
