@@ -1,8 +1,8 @@
 """Does what was learnt from other specimens hold for one that was kept out?
 
 What the specimens share (moduli, material effects) comes from the others. What is the specimen's
-own (shape, clamp, load, camera) is fitted on every second of its frames, and the gap is judged on
-the frames between.
+own (shape, clamp, load, camera, and offsets of its points where the others have them) is fitted on
+every second of its frames, and the gap is judged on the frames between.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.explanation import Explanation
-from bulgefit.gap.keys import is_shared, start_of
+from bulgefit.gap.keys import columns_of, has_offsets, is_shared, offsets_of_points, start_of
 from bulgefit.gap.prepare import Prepared, drop_outliers, renew
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
@@ -78,7 +78,7 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
     drop_outliers(prepared, alone.predictions[0].displacement)
     shared, own = _divided(found.final)
     full = _fitted(prepared, shared, own, every_second)
-    errors = full.standard_errors() if own else {}
+    errors = full.standard_errors() if full.columns else {}
 
     judged = _frames_of(prepared.data, ~every_second)
     return HeldOutTest(
@@ -88,7 +88,10 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
         _gap(judged, alone, weight),
         _gap(judged, full, weight),
         noise_gap([judged], weight),
-        {key.name: {"value": float(full.values[key]), "stderr": float(errors[key])} for key in own},
+        {
+            key.name: {"value": float(full.values[key]), "stderr": float(errors[key])}
+            for key in full.columns
+        },
     )
 
 
@@ -110,8 +113,9 @@ def _divided(final: Regression) -> tuple[dict[Key, float], tuple[Key, ...]]:
         return is_shared(key) or (several and key.specimen is None)
 
     shared = {k: value for k, value in of_the_cloth(final.values).items() if common(k)}
-    own = (key._replace(specimen=None) for key in final.columns if not common(key))
-    return shared, tuple(dict.fromkeys(own))
+    own = dict.fromkeys(k._replace(specimen=None) for k in final.columns if not common(k))
+    offsets = offsets_of_points(1) if has_offsets(final.keys, 0) else ()
+    return shared, (*own, *offsets)
 
 
 def _fitted(
@@ -122,7 +126,7 @@ def _fitted(
     Noise is no part of the fit: it comes from all frames.
     """
     prepared.data.specimen.correction = None
-    start = {**fixed, **{key: start_of(key, [prepared.data]) for key in own}}
+    start = {**fixed, **{key: start_of(key, [prepared.data]) for key in columns_of(own)}}
     fit = regress([_frames_of(prepared.data, frames)], own, start)
     renew(prepared, fit, 0)
     return regress(
