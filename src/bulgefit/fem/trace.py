@@ -197,6 +197,8 @@ def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, floa
         s, shape = last.s, last.displacement
         if within.last is not None:
             s, shape = np.cbrt(within.error.reached), within.last
+    elif not leapt.levels:
+        return within
     else:
         tracer = leapt
         s, shape = tracer.levels[-1].s, tracer.levels[-1].displacement
@@ -208,6 +210,7 @@ def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, floa
 
 
 def _ended(tracer: Tracer, stopped: StoppedError, shown: Mapping[str, float]) -> Traced:
+    """The levels that were found, and why there are no more."""
     path = _path(tracer, np.inf) if tracer.levels else None
     return Traced(path, solve_error(tracer, stopped, shown), stopped.shape)
 
