@@ -329,14 +329,14 @@ def test_a_cause_that_the_noise_would_hide_is_enlarged_to_it():
 
 def test_a_fabric_that_is_too_soft_is_made_firmer():
     """In shear, by 1.1 to 1.4 each time, until it is stable; not for ever."""
-    soft = Draw((), {}, (), {"E1": 330.0, "E2": 200.0, "G12": 0.5})
+    soft = Draw((), {}, (), {"E1": 330.0, "E2": 200.0, "G12": 0.2})
     setting = recording.place(soft, np.random.default_rng(0), SMALL)
     with pytest.raises(UnstableDrawError):
         noise_free(soft, setting, 8)
     firm, (_, seen) = until_stable(
         soft, np.random.default_rng(0), lambda one: noise_free(one, setting, 8), firmer
     )
-    assert 0.55 <= firm.moduli["G12"] < 20.0
+    assert 0.22 <= firm.moduli["G12"] < 20.0
     assert (firm.moduli["E1"], firm.moduli["E2"]) == (330.0, 200.0)
     assert np.isfinite(seen).all()
 
