@@ -393,7 +393,8 @@ def test_changes_of_the_law_are_those_of_the_force(law: str, curve: tuple[float,
         forces.append(state.residual)
     found = membrane.law_changes(shape, np.tile(before, (12, 1)), after)
     scale = np.abs(forces[0]).max()
-    np.testing.assert_allclose(found, forces[1:] - forces[0], rtol=0, atol=1e-12 * scale)
+    # compilers round differently where the search for a wrinkle begins: 1.3e-12 were seen
+    np.testing.assert_allclose(found, forces[1:] - forces[0], rtol=0, atol=3e-12 * scale)
     assert (np.abs(found).max(axis=1) > 1e-9 * scale).sum() >= 10
 
 
