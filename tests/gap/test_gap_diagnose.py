@@ -16,7 +16,7 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap import apart, course, explain
+from bulgefit.gap import apart, course
 from bulgefit.gap.caveats import left_of_the_mesh, left_out
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
@@ -79,14 +79,13 @@ def test_a_clean_test_has_no_cause() -> None:
 def test_units_are_fixed_anew_where_the_search_comes_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mesh's error is that of the moduli, which are per cents off with everything freed."""
     fixed = list[dict[str, float]]()
-    true = explain.fix_units
+    true = course.fix_units
 
     def spied(prepared: Prepared, shapes: Shapes) -> None:
         fixed.append(dict(shapes.values))
         true(prepared, shapes)
 
-    for module in (explain, course):
-        monkeypatch.setattr(module, "fix_units", spied)
+    monkeypatch.setattr(course, "fix_units", spied)
     diagnose(made({"clamp_slip.compliance": 0.02}), effects=CANDIDATES)
     first, last = ([abs(v[n] / MODULI[n] - 1.0) for n in ("E1", "E2")] for v in fixed)
     assert max(last) < 0.001 < max(first)
@@ -333,6 +332,23 @@ def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     assert kept.baseline["e_w"] > 3 * kept.explained["e_w"]
     assert found.to_dict()["holdout"]["test"] == "other"
     assert [w for w in found.warnings if w.startswith("other: 1 of")]
+
+
+def test_what_only_the_kept_out_specimen_has_is_found() -> None:
+    """A gauge of its own that errs, and a stiffness about its cloth's, which is known."""
+    own = {"pressure_offset.offset": -0.02, "specimen_factor.warp": 1.06}
+    other = made(own, frames=11)
+    found = diagnose(made({}), holdout=replace(other, name="other"), effects=CANDIDATES)
+    assert found.verdict == "none"
+    kept = found.holdout
+    assert kept is not None
+    assert kept.fitted_bar[-1] == pytest.approx(2.5)  # courses over pressure are told by its share
+    assert len(kept.fitted_bar) == 6
+    for name, value in own.items():
+        told = kept.parameters[name]
+        assert abs(told["value"] - value) < 4 * told["stderr"]
+    assert set(kept.parameters) == {*own, "specimen_factor.fill"}
+    assert kept.explained["e_w"] < 1.1 * kept.noise_floor["e_w"]
 
 
 def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(

@@ -14,7 +14,7 @@ from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
-from bulgefit.gap.evidence.coordinates import Coordinates, is_field
+from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
@@ -22,7 +22,6 @@ from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing, _balanced
-from bulgefit.gap.explain import _stepped_fields
 from bulgefit.gap.prepare import _trust
 from bulgefit.gap.specimen import Specimen
 
@@ -67,10 +66,15 @@ def test_fields_are_freed_where_every_test_tells_what_they_need(data: Data) -> N
     assert data.specimen.test.time is None
     test = replace(data.specimen.test, time=np.arange(6.0))
     timed = replace(data, specimen=data.specimen.of(test))
-    untold = {f.id for f in _stepped_fields([data, timed])}
+    tests = data.specimen.test, timed.specimen.test
+    untold, told = (
+        {f.id for f in with_fields([], some, several=True)} for some in (tests, tests[1:])
+    )
     assert "frame_field" in untold
     assert "reference_field" not in untold
-    assert {f.id for f in _stepped_fields([timed])} - untold == {"drift_field", "slow_slip_field"}
+    assert told - untold == {"drift_field", "slow_slip_field"}
+    alone = {f.id for f in with_fields([], tests, several=False)}
+    assert untold - alone == {"law_curve", "specimen_factor"}
 
 
 def test_gradients_are_those_of_the_misfit(data: Data) -> None:

@@ -1,9 +1,12 @@
-"""In which order is it searched for what explains the gap? And when is that enough?"""
+"""In which order is it searched for what explains the gap? And when is that enough?
+
+Everything at once, models of it, and the best of these by all points.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,18 +14,19 @@ from numpy.typing import NDArray
 from bulgefit.errors import SolveError
 from bulgefit.gap.attempt import Attempt
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
+from bulgefit.gap.evidence.creases import on_points
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.outcome import seen_by
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.pace import Pace, Stage
-from bulgefit.gap.prepare import Prepared, fix_units
-from bulgefit.gap.regress import Regression
+from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.parallel.journal import kept
 
-__all__ = ["rough_fit", "searched"]
+__all__ = ["Best", "most_probable"]
 
 Floats = NDArray[np.float64]
 
@@ -30,12 +34,90 @@ Floats = NDArray[np.float64]
 LEAST_POINTS = 400
 
 
-def rough_fit(
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best model that was found.
+
+    Attributes
+    ----------
+    search : Search
+        That it was found by, on some of the points.
+    weighing : Weighing
+        Of all points.
+    fit : Fit
+        Of the best model, by them.
+    creases_worth : float
+        What -2 ln Z falls by with offsets of the points.
+    """
+
+    search: Search[Weighing]
+    weighing: Weighing
+    fit: Fit
+    creases_worth: float
+
+
+def most_probable(
+    prepared: Sequence[Prepared],
+    coordinates: Coordinates,
+    start: Floats,
+    origin: Floats,
+    say: Callable[[str], None],
+    pace: Pace,
+    *,
+    thorough: bool = False,
+) -> Best:
+    """Free all groups at once, take out what the evidence lets go; the best model by all points.
+
+    Noise, the mesh's error and the values in use are fixed by the fit of everything, before any
+    models are compared. The mesh's error is found once more at the best model.
+
+    Parameters
+    ----------
+    prepared : sequence of Prepared
+    coordinates : Coordinates
+    start, origin : (n,) array
+        Where everything at once is fitted from, and fields are freed from; the first again from
+        the second where nothing balances at it.
+    say : callable
+        Told what is tried.
+    pace : Pace
+        Told which stage begins.
+    thorough : bool
+        Search by every way, also where the first leaves nothing but noise.
+
+    Raises
+    ------
+    SolveError
+        Nothing balances at either.
+    """
+    layout = Layout.of(coordinates.groups)
+    data = [p.data for p in prepared]
+    pace.begins(Stage.TOGETHER)
+    say("everything at once")
+    rough = _rough_fit(data, coordinates, layout, start, origin)
+    for index, p in enumerate(prepared):
+        fix_units(p, rough.here.near[index])
+    pace.begins(Stage.SEARCH)
+    search, creases_worth = _searched(
+        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
+    )
+    found = search.best
+    pace.begins(Stage.POINTS)
+    say("the best model, by all points")
+    for index, p in enumerate(prepared):
+        correct_anew(p, found.here.near[index])
+    offsets = on_points(data, search.problem.offsets)
+    weighing = search.problem.over(data, offsets, _excess(search))
+    fit = kept(lambda: descend(weighing, search.layout, found.model, found.x, found.here.near))
+    return Best(search, weighing, fit, creases_worth)
+
+
+def _rough_fit(
     data: Sequence[Data],
     coordinates: Coordinates,
     layout: Layout,
     start: Floats,
-    baseline: Regression,
+    origin: Floats,
 ) -> Fit:
     """Every effect freed, before the mesh's error is known: one for other moduli would mislead."""
     for d in data:
@@ -46,9 +128,7 @@ def rough_fit(
     try:
         return kept(lambda: descend(weighing, layout, model, start, roughly=True, hope=hope))
     except SolveError:
-        other = np.array(start)
-        other[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-        return kept(lambda: descend(weighing, layout, model, other, roughly=True, hope=hope))
+        return kept(lambda: descend(weighing, layout, model, origin, roughly=True, hope=hope))
 
 
 def _thinned(data: Sequence[Data]) -> list[Data]:
@@ -59,7 +139,7 @@ def _thinned(data: Sequence[Data]) -> list[Data]:
     ]
 
 
-def searched(
+def _searched(
     prepared: Sequence[Prepared],
     coordinates: Coordinates,
     layout: Layout,
@@ -137,3 +217,17 @@ def _begun(plain: Attempt, pace: Pace, *, thorough: bool) -> tuple[Attempt, floa
     ):
         found = replace(plain, search=replace(plain.search, fits={whole.model: whole}))
     return found, plain.score - found.score, False
+
+
+def _excess(search: Search[Weighing]) -> float:
+    """Of the noise, where the best model was weighed beside a misfit; 1 where nothing is left.
+
+    What errs may also move the values of what does not, beyond what a covariance of its own says:
+    so standard errors count it in all directions.
+    """
+    problem, best = search.problem, search.best
+    if problem.misfits is None:
+        return 1.0
+    seen = seen_by(problem, best).predictions
+    bare = Weighing(problem.data, problem.coordinates, problem.offsets)
+    return temper(problem.data, seen, taken_up(bare, best, search.layout))

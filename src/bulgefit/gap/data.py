@@ -111,6 +111,18 @@ class Data:
             self.mixture,
         )
 
+    def of_frames(self, frames: NDArray[np.intp]) -> Data:
+        """With some of its frames, before its units are fixed."""
+        specimen = self.specimen.of(self.specimen.test.select(frames=frames))
+        return Data(
+            specimen,
+            self.sigma,
+            self.used[frames],
+            self.inflation,
+            self.persistent,
+            mixture=self.mixture,
+        )
+
     def afresh(self) -> Data:
         """The same, by a specimen that remembers nothing of earlier solves."""
         specimen = self.specimen.of(self.specimen.test)

@@ -11,6 +11,7 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.causes import causes_of, verdict_of
@@ -66,8 +67,8 @@ def diagnose(
         Several are specimens of one cloth and judged together: they share its law, about which each
         has factors of its own along warp and fill; all other effects are each test's own.
     holdout : BulgeTest, optional
-        A specimen that takes no part: what specimens share comes from the others, its own
-        parameters are fitted on every second frame, and it is judged on the rest.
+        A specimen that takes no part: what specimens share comes from the others, what it has of
+        its own is looked for on every second frame, and it is judged on the rest.
     effects : iterable of str, optional
         Candidates; default: the whole catalogue.
     law : {"hencky", "svk", "yarn"}
@@ -104,14 +105,8 @@ def diagnose(
     if not given:
         raise InputError("no bulge test was given")
     wanted = chosen_effects(effects)
-    lacking = {
-        e.id: f"the test has no {need}"
-        for e in wanted
-        for need in e.needs
-        if any(getattr(t, need) is None for t in given)
-    }
+    lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
-    skipped = lacking
     _same_ratio(given)
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
@@ -153,8 +148,11 @@ def diagnose(
         met, unmet = None, list[str]()
         if kept_out is not None:
             say("held-out test")
+            same = same_rig and len(given) > 1
+            unusable = _lacking(wanted, [kept_out.data.specimen.test])
+            own_effects = [e for e in wanted if not (e.id in unusable or (same and e.of_rig))]
             try:
-                met = judge_held_out(kept_out, found, weight)
+                met = judge_held_out(kept_out, found, own_effects, weight, say)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
             unmet += lacked_by(kept_out, found)
@@ -170,7 +168,7 @@ def diagnose(
         law=law_table(data, found.final, found.level),
         scatter=scatter_of(found.final),
         implied=implied_references(data, found.final),
-        skipped=skipped,
+        skipped=lacking,
         tests=given,
         seed=seed,
         seconds=time.perf_counter() - began,
@@ -182,6 +180,16 @@ def diagnose(
             *unmet,
         ],
     )
+
+
+def _lacking(effects: Iterable[Effect], tests: Sequence[BulgeTest]) -> dict[str, str]:
+    """Effects that need what one of the tests has not, and why."""
+    return {
+        e.id: f"the test has no {need}"
+        for e in effects
+        for need in e.needs
+        if any(getattr(t, need) is None for t in tests)
+    }
 
 
 def _same_ratio(tests: Sequence[BulgeTest]) -> None:
@@ -223,8 +231,4 @@ def _baseline(prepared: Sequence[Prepared]) -> Regression:
 def _few_frames(data: Data) -> Data:
     """Every fourth frame: enough to bring the moduli near their place."""
     order = np.argsort(data.specimen.recorded, kind="stable")
-    frames = np.sort(order[::-4])
-    test = data.specimen.test.select(frames=frames)
-    whole = data.specimen
-    specimen = whole.of(test)
-    return Data(specimen, data.sigma, data.used[frames], data.inflation)
+    return data.of_frames(np.sort(order[::-4]))

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.fields.base import Field, Sampled
+from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key, Owned
-from bulgefit.effects.registry import fields, scatter
+from bulgefit.effects.registry import fields
 from bulgefit.gap.apart import refitted, taken_apart
-from bulgefit.gap.course import rough_fit, searched
+from bulgefit.gap.course import most_probable
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
-from bulgefit.gap.evidence.coordinates import Coordinates, is_field
-from bulgefit.gap.evidence.creases import on_points
-from bulgefit.gap.evidence.descend import Fit, descend
-from bulgefit.gap.evidence.outcome import regression_of, seen_by
+from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
+from bulgefit.gap.evidence.descend import Fit
+from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search
@@ -30,10 +29,9 @@ from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.level import Level
 from bulgefit.gap.pace import Pace, Stage
-from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
+from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
-from bulgefit.parallel.journal import kept
 
 __all__ = ["START", "explain"]
 
@@ -57,9 +55,8 @@ def explain(
 ) -> Explanation:
     """Free all effects at once, take out what the evidence lets go, and weigh what is left.
 
-    Noise, the mesh's error and the values in use are fixed by the fit of everything, before any
-    models are compared. The mesh's error is found once more at the best model; that, the model
-    without each of its parts and the baseline are then fitted again.
+    The best model is found (`most_probable`); the model without each of its parts and the baseline
+    are then fitted again, with the mesh's error as it is there.
 
     Parameters
     ----------
@@ -82,39 +79,16 @@ def explain(
         Centre and standard deviation that are better known.
     """
     pace = pace or Pace()
-    usable = [e for e in effects if not e.never_separable]
     whole = [p.data for p in prepared]
-    several = len(whole) > 1
-    usable += [f for f in _stepped_fields(whole) if several or not f.of_several]
-    if several:
-        usable += scatter().values()
+    usable = with_fields(effects, [d.specimen.test for d in whole], several=len(whole) > 1)
     nulls = [d.specimen.nulls() for d in whole]
     coordinates = Coordinates.of(usable, nulls, priors, same_rig=same_rig)
-    layout = Layout.of(coordinates.groups)
-    start = np.array(layout.null)
-    start[: len(MODULI)] = np.log([START[m] for m in MODULI])
-
-    pace.begins(Stage.TOGETHER)
-    say("everything at once")
-    rough = rough_fit(whole, coordinates, layout, start, baseline)
-    for index, p in enumerate(prepared):
-        fix_units(p, rough.here.near[index])
-
-    origin = np.array(layout.null)
-    origin[: len(MODULI)] = np.log([baseline.values[m] for m in MODULI])
-    pace.begins(Stage.SEARCH)
-    search, creases_worth = searched(
-        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
-    )
-    found, layout, coordinates = search.best, search.layout, search.problem.coordinates
-    pace.begins(Stage.POINTS)
-    say("the best model, by all points")
-    for index, p in enumerate(prepared):
-        correct_anew(p, found.here.near[index])
+    null = np.concatenate([g.null for g in coordinates.groups])
+    start, origin = (_with_moduli(null, moduli) for moduli in (START, baseline.values))
+    best = most_probable(prepared, coordinates, start, origin, say, pace, thorough=thorough)
+    search, weighing, fit = best.search, best.weighing, best.fit
+    layout, coordinates, offsets = search.layout, search.problem.coordinates, weighing.offsets
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    offsets = on_points(whole, search.problem.offsets)
-    weighing = search.problem.over(whole, offsets, _excess(search))
-    fit = kept(lambda: descend(weighing, layout, found.model, found.x, found.here.near))
     final = regression_of(weighing, fit)
     bare = Weighing(whole, coordinates, offsets)
     tempered = temper(whole, final.predictions, taken_up(bare, fit, layout))
@@ -135,7 +109,7 @@ def explain(
         keys[creases] = offsets_of_points(len(whole))
         smooth = weighing.smooth()
         rest = refitted(smooth, layout, fit.model, fit.x, fit.here.near)
-        chance = float(expit(0.5 * creases_worth / tempered))
+        chance = float(expit(0.5 * best.creases_worth / tempered))
         without_creases = None if rest is None else regression_of(smooth, rest)
         evidence[creases] = Evidence(chance, (), without_creases, {})
         found_fields.append(FoundField(creases, _creases(whole, final)))
@@ -154,28 +128,11 @@ def explain(
     )
 
 
-def _excess(search: Search[Weighing]) -> float:
-    """Of the noise, where the best model was weighed beside a misfit; 1 where nothing is left.
-
-    What errs may also move the values of what does not, beyond what a covariance of its own says:
-    so standard errors count it in all directions.
-    """
-    problem, best = search.problem, search.best
-    if problem.misfits is None:
-        return 1.0
-    seen = seen_by(problem, best).predictions
-    bare = Weighing(problem.data, problem.coordinates, problem.offsets)
-    return temper(problem.data, seen, taken_up(bare, best, search.layout))
-
-
-def _stepped_fields(data: Sequence[Data]) -> list[Field]:
-    """Fields that have coordinates, and of the tests all that they need."""
-    tests = [d.specimen.test for d in data]
-    return [
-        f
-        for f in fields().values()
-        if f.parameters and all(getattr(t, need) is not None for t in tests for need in f.needs)
-    ]
+def _with_moduli(null: Floats, moduli: Mapping[Key, float]) -> Floats:
+    """Every group at its null, but the moduli (MPa)."""
+    x = np.array(null)
+    x[: len(MODULI)] = np.log([moduli[m] for m in MODULI])
+    return x
 
 
 def _creases(data: Sequence[Data], final: Regression) -> Sampled:

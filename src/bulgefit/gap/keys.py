@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from bulgefit.effects.parameter import Key, Parameter
 from bulgefit.effects.registry import effect_named
-from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI, OFFSETS
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
     "offsets_of_points",
     "parameter_of",
     "specimen_values",
-    "start_of",
 ]
 
 #: Least and largest modulus (MPa) of what is woven, in the order of `MODULI`.
@@ -75,16 +73,6 @@ def at_edge(key: Key, value: float) -> bool:
     near = 1e-3 * (parameter.upper - parameter.lower)
     low = value - parameter.lower < near and not parameter.begins_at_null
     return bool(parameter.upper - value < near or low)
-
-
-def start_of(key: Key, data: Sequence[Data]) -> float:
-    """Where a fit of an effect's freed parameter starts."""
-    parameter = parameter_of(key)
-    if parameter.start is not None:
-        return parameter.start
-    if parameter.null is not None:
-        return parameter.null
-    return data[key.specimen or 0].specimen.nulls()[key.name]
 
 
 def names_of(keys: Sequence[Key], index: int) -> tuple[list[str], list[int]]:

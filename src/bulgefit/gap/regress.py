@@ -15,13 +15,13 @@ from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import SHEAR
-from bulgefit.gap.keys import columns_of, has_offsets, names_of, parameter_of, specimen_values
-from bulgefit.gap.normal import NormalEquations, normal_equations, offsets_of, scales
+from bulgefit.gap.keys import columns_of, names_of, parameter_of, specimen_values
+from bulgefit.gap.normal import NormalEquations, normal_equations, scales
 from bulgefit.gap.step import along, bounded_step
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["Regression", "offset_of", "regress", "slim"]
+__all__ = ["Regression", "regress"]
 
 Floats = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ def regress(
     ----------
     data : sequence of Data
     keys : sequence of Key
-        Freed parameters, and offsets of points; without any, the start is only compared.
+        Freed parameters; without any, the start is only compared.
     start : mapping
         Values of the freed and of any held parameter.
     near : sequence of Shapes, optional
@@ -142,60 +142,42 @@ def regress(
         No equilibrium at the start.
     """
     keys = tuple(keys)
-    columns = columns_of(keys)
-    bounds = np.array([_bounds(key) for key in columns])
+    bounds = np.array([_bounds(key) for key in keys])
     values = dict(start)
-    for key, (low, high) in zip(columns, bounds, strict=True):
+    for key, (low, high) in zip(keys, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
     predictions = list(known) if known is not None else _predict(data, keys, values, near)
     here = _Point(values, predictions, normal_equations(data, predictions, keys))
-    converged = not columns
-    if columns:
+    converged = not keys
+    if keys:
         here, converged = _descended(data, keys, here, bounds, iterations)
-    offsets = [
-        offset_of(d, p) if has_offsets(keys, index) else None
-        for index, (d, p) in enumerate(zip(data, here.predictions, strict=True))
-    ]
     return Regression(
         keys,
         here.values,
         here.normal,
-        [slim(p, offset) for p, offset in zip(here.predictions, offsets, strict=True)],
-        offsets,
+        [Prediction(p.displacement, p.derivative[:0].copy(), p.shapes) for p in here.predictions],
+        [None] * len(data),
         float(np.mean([d.inflation for d in data])),
         converged,
-        _is_held(columns, here.values, bounds),
+        _is_held(keys, here.values, bounds),
     )
-
-
-def offset_of(data: Data, prediction: Prediction) -> Floats:
-    """Of every point (n, 3), mm: the mean of its residual."""
-    residual = data.specimen.measured - prediction.displacement
-    return offsets_of(residual, data.used, data.share)
-
-
-def slim(prediction: Prediction, offset: Floats | None) -> Prediction:
-    """A prediction without its derivatives, and with the offsets of the points."""
-    seen = prediction.displacement if offset is None else prediction.displacement + offset
-    # a view would keep the derivatives, hundreds of megabytes where fields are free
-    return Prediction(seen, prediction.derivative[:0].copy(), prediction.shapes)
 
 
 def _descended(
     data: Sequence[Data], keys: tuple[Key, ...], here: _Point, bounds: Floats, iterations: int
 ) -> tuple[_Point, bool]:
     """The lowest point found in so many steps, and whether no step promises to lead lower."""
-    damping, columns = 0.0, columns_of(keys)
+    damping = 0.0
     left: _Point | None = None  # the lowest point, while a step uphill is given one more
     for _ in range(iterations):
-        step = bounded_step(here.normal.whole, here.values, columns, bounds, damping)
+        step = bounded_step(here.normal.whole, here.values, keys, bounds, damping)
         expected = here.square - here.normal.whole.at(step)
         beyond_noise = max(here.square - here.normal.count, 0.0)
         if left is None and expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
             return here, True
         there = _stepped(data, keys, here, step)
         lowest = left or here
-        softer = dict(zip(columns, step, strict=True)).get(SHEAR, 0.0) < 0.0
+        softer = dict(zip(keys, step, strict=True)).get(SHEAR, 0.0) < 0.0
         lost = there is not None and _destabilised(lowest.predictions, there.predictions)
         if there is not None and there.square < lowest.square and not lost:
             if left is None and here.square - there.square > 0.5 * expected:
@@ -208,7 +190,7 @@ def _descended(
             here, left = there, here
         else:
             if lost:
-                _hold_shear(bounds, columns, lowest.values)
+                _hold_shear(bounds, keys, lowest.values)
             here, left = lowest, None
             damping = max(_FIRMER * damping, _LEAST_DAMPING)
             if damping > 1e4:
@@ -220,8 +202,7 @@ def _stepped(
     data: Sequence[Data], keys: tuple[Key, ...], here: _Point, step: Floats
 ) -> _Point | None:
     """The point a step ahead; None where nothing balances there."""
-    columns = columns_of(keys)
-    moved = {k: along(k, here.values[k], s) for k, s in zip(columns, step, strict=True)}
+    moved = {k: along(k, here.values[k], s) for k, s in zip(keys, step, strict=True)}
     values = {**here.values, **moved}
     try:
         there = _predict(data, keys, values, [p.shapes for p in here.predictions])

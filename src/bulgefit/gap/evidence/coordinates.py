@@ -1,24 +1,26 @@
 """Which coordinates does a diagnosis step in: of which parameter, from what null, how wide?
 
 Groups of several specimens are each specimen's own, but for what belongs to the cloth, and on one
-rig to that. What specimens scatter by is one group of all of them, in every model.
+rig to that. What specimens scatter by is one group of all of them, in every model. What is known
+already is not stepped in.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key, Owned, Parameter
-from bulgefit.effects.registry import fields
+from bulgefit.effects.registry import fields, scatter
 from bulgefit.gap.evidence.problem import Group
 
-__all__ = ["MATERIAL", "Coordinate", "Coordinates", "is_field"]
+__all__ = ["MATERIAL", "Coordinate", "Coordinates", "is_field", "with_fields"]
 
 Floats = NDArray[np.float64]
 
@@ -62,10 +64,13 @@ class Coordinates:
     groups : tuple of Group
     every : tuple of Coordinate
         In the groups' order.
+    known : mapping of name to float
+        Parameters that are no coordinates, and not at their null.
     """
 
     groups: tuple[Group, ...]
     every: tuple[Coordinate, ...]
+    known: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -75,6 +80,7 @@ class Coordinates:
         priors: Mapping[str, tuple[float, float]] | None = None,
         *,
         same_rig: bool = False,
+        known: Mapping[str, float] | None = None,
     ) -> Coordinates:
         """Of moduli, effects and fields over as many specimens as there are `nulls`.
 
@@ -87,6 +93,8 @@ class Coordinates:
             Centre and standard deviation that are better known.
         same_rig : bool
             Whether clamp and cameras are the same for all specimens.
+        known : mapping of name to float, optional
+            The moduli (MPa), and other parameters that are known as well.
         """
         effects, groups, every = list(effects), [], list[Coordinate]()
 
@@ -103,7 +111,8 @@ class Coordinates:
             )
             every.extend(own)
 
-        add(MATERIAL, "", _moduli(priors or {}), always=True)
+        if known is None:
+            add(MATERIAL, "", _moduli(priors or {}), always=True)
         several = len(nulls) > 1
         for effect in effects:
             if effect.scatters:
@@ -127,22 +136,23 @@ class Coordinates:
                     forms=_forms(effect),
                     hidden_by=tuple(Owned(other.id, index) for other in hiding),
                 )
-        return cls(tuple(groups), tuple(every))
+        return cls(tuple(groups), tuple(every), dict(known or {}))
 
     def scaled(self, factors: Mapping[Owned, float]) -> Coordinates:
         """The same with the prior widths of some groups times a factor."""
         groups = tuple(g.scaled(factors.get(g.id, 1.0)) for g in self.groups)
         widths = np.concatenate([g.width for g in groups])
         every = (replace(c, width=float(w)) for c, w in zip(self.every, widths, strict=True))
-        return Coordinates(groups, tuple(every))
+        return replace(self, groups=groups, every=tuple(every))
 
     def values(self, x: Floats, index: int) -> dict[str, float]:
         """Parameters of one specimen by their names; those at their null are left out."""
-        return {
+        own = {
             c.key.name: c.value(at)
             for c, at in zip(self.every, x, strict=True)
             if c.key.specimen in (None, index) and (at != c.null or not c.key.effect)
         }
+        return {**self.known, **own}
 
     def of_specimen(self, columns: Iterable[int], index: int) -> list[int]:
         """Those of the columns that a specimen has."""
@@ -152,6 +162,24 @@ class Coordinates:
 def is_field(group: Owned) -> bool:
     """Whether a group is a field, not an effect with a name."""
     return group.effect in fields()
+
+
+def with_fields(
+    effects: Iterable[Effect], tests: Sequence[BulgeTest], *, several: bool
+) -> list[Effect]:
+    """Effects that data may tell from others, and the fields that the tests have what they need of.
+
+    Beside several specimens of a cloth also what these scatter by.
+    """
+    usable = [e for e in effects if not e.never_separable]
+    usable += [
+        f
+        for f in fields().values()
+        if f.parameters
+        and (several or not f.of_several)
+        and all(getattr(t, need) is not None for t in tests for need in f.needs)
+    ]
+    return [*usable, *scatter().values()] if several else usable
 
 
 def _moduli(priors: Mapping[str, tuple[float, float]]) -> list[Coordinate]:

@@ -15,8 +15,8 @@ from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.heights import height_rows, off_planes, plane_rows
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import by_value, names_of, offsets_of_points
-from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations
-from bulgefit.gap.regress import Regression, offset_of, slim
+from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, offsets_of
+from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
 
 __all__ = ["Seen", "regression_of", "seen_by"]
@@ -46,7 +46,7 @@ def seen_by(weighing: Weighing, fit: Fit) -> Seen:
     seen = []
     for d, shapes in zip(weighing.data, fit.here.near, strict=True):
         prediction = d.specimen.observe(shapes)
-        seen.append(slim(prediction, offset_of(d, prediction) if free else None))
+        seen.append(_slim(prediction, _offset(d, prediction) if free else None))
     return Seen((*keys, *free), seen)
 
 
@@ -76,18 +76,30 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     if not free:
         known += _heights(weighing.data, predictions, keys)
     offsets = [
-        offset_of(d, p) if free else None for d, p in zip(weighing.data, predictions, strict=True)
+        _offset(d, p) if free else None for d, p in zip(weighing.data, predictions, strict=True)
     ]
     return Regression(
         (*keys, *free),
         values,
         _with(normal, known),
-        [slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
+        [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
         weighing.inflation,
         fit.converged,
         excess=weighing.excess,
     )
+
+
+def _offset(data: Data, prediction: Prediction) -> Floats:
+    """Of every point (n, 3), mm: the mean of its residual."""
+    residual = data.specimen.measured - prediction.displacement
+    return offsets_of(residual, data.used, data.share)
+
+
+def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
+    seen = prediction.displacement if offset is None else prediction.displacement + offset
+    # a view would keep the derivatives, hundreds of megabytes where fields are free
+    return Prediction(seen, prediction.derivative[:0].copy(), prediction.shapes)
 
 
 def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:

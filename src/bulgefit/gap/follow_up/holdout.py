@@ -1,30 +1,38 @@
 """Does what was learnt from other specimens hold for one that was kept out?
 
-What the specimens share (moduli, material effects) comes from the others. What is the specimen's
-own (shape, clamp, load, camera, and offsets of its points where the others have them) is fitted on
-every second of its frames, and the gap is judged on the frames between.
+What the specimens share (moduli, material effects) comes from the others, and is known. What is the
+specimen's own (how far it scatters about its cloth, shape, clamp, load, camera, offsets of its
+points) is looked for on every second of its frames as a diagnosis looks for it: everything at once
+under priors, and what the evidence lets go is taken out. The gap is judged on the frames between.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key
+from bulgefit.gap.course import most_probable
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
+from bulgefit.gap.evidence.coordinates import Coordinates, with_fields
+from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.explanation import Explanation
-from bulgefit.gap.keys import columns_of, has_offsets, is_shared, offsets_of_points, start_of
-from bulgefit.gap.prepare import Prepared, drop_outliers, renew
-from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.keys import is_shared
+from bulgefit.gap.pace import Pace
+from bulgefit.gap.prepare import Prepared, correct_discretisation, drop_outliers, renew_noise
+from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.scatter import of_the_cloth
 
-__all__ = ["HeldOutTest", "judge_held_out"]
+__all__ = ["HeldOutTest", "cloth_of", "judge_held_out"]
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +63,13 @@ class HeldOutTest:
         return dict(vars(self))
 
 
-def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> HeldOutTest:
+def judge_held_out(
+    prepared: Prepared,
+    found: Explanation,
+    effects: Sequence[Effect],
+    weight: float,
+    say: Callable[[str], None] = lambda _: None,
+) -> HeldOutTest:
     """Meet a kept-out specimen with what was found on the others.
 
     Parameters
@@ -63,78 +77,88 @@ def judge_held_out(prepared: Prepared, found: Explanation, weight: float) -> Hel
     prepared : Prepared
     found : Explanation
         Of the others.
+    effects : sequence of Effect
+        Of the catalogue, without what belongs to a rig that is the others' too.
     weight : float
         Of dz in e_w.
+    say : callable
+        Told what is tried.
 
     Raises
     ------
     SolveError
         The others' material does not carry this test's pressures.
     """
-    recorded = prepared.data.specimen.recorded
-    every_second = np.argsort(np.argsort(recorded, kind="stable")) % 2 == 0
+    data = prepared.data
+    recorded = data.specimen.recorded
+    # from the highest down: what effects do over pressure is told by its share of that
+    fitted = np.argsort(np.argsort(-recorded, kind="stable")) % 2 == 0
+    alone = _predicted(prepared, {m.name: found.baseline.values[m] for m in MODULI})
+    renew_noise(prepared, alone)
+    drop_outliers(prepared, alone)
 
-    alone = _fitted(prepared, {m: found.baseline.values[m] for m in MODULI}, (), every_second)
-    drop_outliers(prepared, alone.predictions[0].displacement)
-    shared, own = _divided(found.final)
-    full = _fitted(prepared, shared, own, every_second)
-    errors = full.standard_errors() if full.columns else {}
+    own = _of_its_own(prepared, cloth_of(found.final), effects, np.flatnonzero(fitted), say)
+    values = {key.name: value for key, value in own.values.items()}
+    full = _predicted(prepared, {**cloth_of(found.final), **values})
+    renew_noise(prepared, full)
+    (offset,) = own.offsets
+    if offset is not None:
+        full = full + offset
+    errors = own.standard_errors() if own.columns else {}
 
-    judged = _frames_of(prepared.data, ~every_second)
+    judged = replace(data, used=data.used & ~fitted[:, None, None])
     return HeldOutTest(
-        prepared.data.specimen.test.name,
-        (10.0 * recorded[every_second]).tolist(),
-        (10.0 * recorded[~every_second]).tolist(),
+        data.specimen.test.name,
+        (10.0 * recorded[fitted]).tolist(),
+        (10.0 * recorded[~fitted]).tolist(),
         _gap(judged, alone, weight),
         _gap(judged, full, weight),
         noise_gap([judged], weight),
         {
-            key.name: {"value": float(full.values[key]), "stderr": float(errors[key])}
-            for key in full.columns
+            key.name: {"value": float(own.values[key]), "stderr": float(errors[key])}
+            for key in own.columns
         },
     )
 
 
-def _frames_of(data: Data, frames: NDArray[np.bool_]) -> Data:
-    """The same with some frames alone in use."""
-    used = data.used & frames[:, None, None]
-    return replace(data, used=used)
+def cloth_of(final: Regression) -> dict[str, float]:
+    """What a further specimen shares with these, by name.
 
-
-def _divided(final: Regression) -> tuple[dict[Key, float], tuple[Key, ...]]:
-    """What the specimens share, by value, and what is each one's own, as this one has it.
-
-    Of several, what no one owns is the cloth's or the rig's; the factors of those are about its
-    mean.
+    Of several, what no one owns is the cloth's or the rig's; the moduli are the mean specimen's.
     """
     several = len(final.predictions) > 1
 
     def common(key: Key) -> bool:
         return is_shared(key) or (several and key.specimen is None)
 
-    shared = {k: value for k, value in of_the_cloth(final.values).items() if common(k)}
-    own = dict.fromkeys(k._replace(specimen=None) for k in final.columns if not common(k))
-    offsets = offsets_of_points(1) if has_offsets(final.keys, 0) else ()
-    return shared, (*own, *offsets)
+    return {key.name: value for key, value in of_the_cloth(final.values).items() if common(key)}
 
 
-def _fitted(
-    prepared: Prepared, fixed: dict[Key, float], own: Sequence[Key], frames: NDArray[np.bool_]
+def _of_its_own(
+    prepared: Prepared,
+    cloth: Mapping[str, float],
+    effects: Sequence[Effect],
+    frames: NDArray[np.intp],
+    say: Callable[[str], None],
 ) -> Regression:
-    """The specimen's own parameters fitted to some frames, and again with the mesh's error off.
-
-    Noise is no part of the fit: it comes from all frames.
-    """
-    prepared.data.specimen.correction = None
-    start = {**fixed, **{key: start_of(key, [prepared.data]) for key in columns_of(own)}}
-    fit = regress([_frames_of(prepared.data, frames)], own, start)
-    renew(prepared, fit, 0)
-    return regress(
-        [_frames_of(prepared.data, frames)], own, fit.values, [p.shapes for p in fit.predictions]
-    )
+    """What a specimen of a known cloth has of its own, by some of its frames."""
+    some = replace(prepared, data=prepared.data.of_frames(frames))
+    specimen = some.data.specimen
+    own = [e for e in with_fields(effects, [specimen.test], several=True) if not e.shared]
+    coordinates = Coordinates.of(own, [specimen.nulls()], known=cloth)
+    null = np.concatenate([g.null for g in coordinates.groups])
+    best = most_probable([some], coordinates, null, null, say, Pace())
+    return regression_of(best.weighing, best.fit)
 
 
-def _gap(data: Data, fit: Regression, weight: float) -> Gap:
-    (prediction,) = fit.predictions
-    residual = np.where(data.used, data.specimen.measured - prediction.displacement, np.nan)
+def _predicted(prepared: Prepared, values: Mapping[str, float]) -> Floats:
+    """Displacements (frames, points, 3) mm, with the mesh's error off."""
+    specimen = prepared.data.specimen
+    shapes = specimen.shapes(values)
+    correct_discretisation(prepared, shapes)
+    return specimen.observe(shapes).displacement
+
+
+def _gap(data: Data, modelled: Floats, weight: float) -> Gap:
+    residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     return gap_of([residual], [data.sigma], weight)
