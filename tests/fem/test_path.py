@@ -454,6 +454,46 @@ def test_steps_by_volume_do_not_leap_into_bands_of_shear() -> None:
     assert below.stable.all()
 
 
+def test_where_many_wrinkles_come_and_go_volumes_lead_on() -> None:
+    """Kinks so close together were told as a loss at 0.003 bar: no step by volume went over one.
+
+    Followed by 0.2 % at a time, the path is stable there, and beyond.
+    """
+    heights = (-0.956315505, 5.540581050, 2.721820472, -9.207191556, -4.191171918)
+    membrane = _uneven(heights, "hencky", refine=2)
+    stiffness = orthotropic_stiffness(4614.265654, 43.764606204, 0.501763122, 0.233886063)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == pytest.approx(0.22701, rel=2e-3)
+    below = trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached))
+    assert below.stable.all()
+    assert membrane.acoustic_margin(below.displacement[-1], stiffness) < 0.0
+
+
+def test_a_branch_is_followed_up_to_a_volume_whose_shape_is_anothers() -> None:
+    """A step of volume led to an unstable shape, and bands were told at 2.163 bar.
+
+    A path to just below it ended sooner.
+    """
+    curve = np.array(
+        [
+            (0.0, 0.405751304, 0.2214520002, -0.0316880625, -0.4346482911, -0.2300747599,
+             -0.7326763013),
+            (0.0, -0.0567385538, 0.0101733698, 0.1506944816, 0.1008893622, -0.0217687801,
+             0.2708238138),
+        ]
+    )  # fmt: skip
+    fabric = Fabric(curve=curve)
+    membrane = Membrane(disc(100.0, 2), 0.81, angle=np.radians(-81.107213098), fabric=fabric)
+    stiffness = orthotropic_stiffness(73.050700530, 47.821994883, 1.324549970, 0.440122643)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == pytest.approx(0.21633, rel=2e-3)
+    assert trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached)).stable.all()
+
+
 def test_a_loss_is_no_other_branch_and_no_kink() -> None:
     """At 0.33 bar a long step led to an unstable shape of another branch, which was told as a loss.
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
-from bulgefit.fem.tracing.ends import BRACKET, StoppedError, given_up, lost_at
-from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer
+from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
+from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["go_by_volume"]
@@ -19,8 +21,6 @@ Floats = NDArray[np.float64]
 _GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
 #: Steps by volume before a branch that still rises is given up.
 _BY_VOLUME = 40
-#: Bisection of a volume ends where steps of this share of what is left lead to no shape.
-_LEAST_SHARE = 0.01
 
 
 def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
@@ -41,21 +41,17 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
         try:
             point = _at_volume(tracer, here, wanted)
         except NewtonError as error:
-            tracer.work, tracer.wasted = tracer.work + error.work, tracer.wasted + error.work
+            tracer.wasted += error.work
             growth *= 0.5
             if growth < _LEAST_GROWTH:
                 break
             continue
-        tracer.work += point.work
         points.append(point)
-        if tracer.elliptic and not point.stable and not tracer.is_elliptic(point.displacement):
-            low, high = _turn(tracer, here, point)
-            # one that turned unstable before has passed its limit pressure, if pressure falls next
-            if low.stable or not here.stable:
-                reached = np.cbrt(low.pressure)
-                # what lies behind may be found on a branch of lower pressures
-                beyond = max(np.cbrt(high.pressure), reached * (1.0 + BRACKET))
-                raise lost_at(tracer, beyond, reached, low.displacement)
+        if not _is_sound(tracer, point):
+            near = _past_turn(tracer, here, point)
+            if near is not None:
+                points[-1] = near
+                continue
         # falling pressure, or one that has been higher still
         if point.pressure < here.pressure or not point.rises:
             raise _limit(tracer, points, failure)
@@ -68,9 +64,27 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
                 failure = error
         growth = min(1.5 * growth, _MOST_GROWTH)
     if tracer.elliptic and not tracer.is_elliptic(points[-1].displacement):
-        reached = float(np.cbrt(points[-1].pressure))
-        raise lost_at(tracer, reached * (1.0 + BRACKET), reached, points[-1].displacement)
+        _resume(tracer, points[-1])
+        return
     raise given_up(tracer, failure, last.s)
+
+
+def _resume(tracer: Tracer, point: Point) -> None:
+    """Add a level near by where no volume leads on, so that pressure is stepped again from there.
+
+    Raises
+    ------
+    StoppedError
+        Where there is none: the law has lost ellipticity, and beyond it is a branch of its own.
+    """
+    s = float(np.cbrt(point.pressure))
+    here = tracer.sound_from(point.displacement, s)
+    above = s * (1.0 + BRACKET)
+    ahead = None if here is None else beside(tracer, s, above, *here)
+    if ahead is None:
+        raise lost_at(tracer, above, s, point.displacement)
+    s, shape, _ = ahead
+    tracer.solve(s, shape, follow=True, rough=True)
 
 
 def _of_level(tracer: Tracer, level: Level) -> Point:
@@ -94,7 +108,13 @@ def _first_growth(tracer: Tracer, volume: float) -> float:
 
 
 def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
-    """The point of a branch at a volume above that of `here`, begun along its tangent.
+    """The point of a branch at a volume above that of `here`; raises NewtonError."""
+    start = here.displacement + (volume - here.volume) * here.slope
+    return _checked(tracer, here, _from(tracer, start, here.pressure, volume))
+
+
+def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
+    """A point of more volume, if it is one of the same branch.
 
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
@@ -106,59 +126,103 @@ def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
     ------
     NewtonError
     """
-    start = here.displacement + (volume - here.volume) * here.slope
-    point = at_volume(tracer.membrane, tracer.stiffness, start, here.pressure, volume)
     doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
-    banded = doubtful and _leaps(tracer, here, point, start)
+    banded = doubtful and _leaps(tracer, here, point)
     if banded or (point.stable and point.pressure < here.pressure):
-        raise NewtonError("the shape is one of another branch", 0, 0.0, point.work)
+        raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
 
 
-def _leaps(tracer: Tracer, here: Point, point: Point, start: Floats) -> bool:
+def _leaps(tracer: Tracer, here: Point, point: Point) -> bool:
     """Whether a shape is on another branch than the one before it.
 
     It is on the same where the tangent led to it but for `ROUGH` of the change. Where a wrinkle
     comes or goes the branch has a kink, and its tangent leads elsewhere however short a step is;
-    but then the shape halfway lies in the middle, which it does not between two branches.
+    but then what changes lies between what the tangents of both shapes say; or, of several kinks,
+    the shape halfway lies in the middle, which it does not between two branches.
 
     Raises
     ------
     NewtonError
     """
-    close = ROUGH * np.abs(point.displacement - here.displacement).max()
-    if np.abs(point.displacement - start).max() <= close:
+    change, grown = point.displacement - here.displacement, point.volume - here.volume
+    if is_between(change, grown * here.slope, grown * point.slope):
         return False
     middle = 0.5 * (here.displacement + point.displacement)
     pressure, volume = 0.5 * (here.pressure + point.pressure), 0.5 * (here.volume + point.volume)
-    halfway = at_volume(tracer.membrane, tracer.stiffness, middle, pressure, volume)
-    tracer.work += halfway.work
-    return bool(np.abs(halfway.displacement - middle).max() > close)
+    halfway = _from(tracer, middle, pressure, volume)
+    # from a stable shape to another one across unstable ones: the branch turns, and turns back
+    far = np.abs(halfway.displacement - middle).max() > ROUGH * np.abs(change).max()
+    return not halfway.stable or bool(far)
+
+
+def _past_turn(tracer: Tracer, here: Point, point: Point) -> Point | None:
+    """The sound point at the volume of one that is not, if the branch leads there from near by.
+
+    None where the branch was unstable before, and passes its limit pressure if pressure falls next.
+
+    Raises
+    ------
+    StoppedError
+        Where it turns unstable.
+    """
+    low, high = _turn(tracer, here, point)
+    with suppress(NewtonError):
+        near = _at_volume(tracer, low, high.volume)
+        if _is_sound(tracer, near) and near.pressure > low.pressure:
+            return near
+    if not (low.stable or not here.stable):
+        return None
+    # of what lies behind the shape may be another branch's, of any pressure
+    reached = float(np.cbrt(low.pressure))
+    raise lost_at(tracer, reached * (1.0 + BRACKET), reached, low.displacement)
 
 
 def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
     """Bisect by volume where a branch becomes both unstable and not elliptic.
 
-    Steps that lead to no shape are halved: the upper shape may be one of another branch.
+    From below, along the branch's own tangent, since the upper shape may be one of another branch;
+    from the line between the two where that leads nowhere. Steps that neither leads are halved.
     """
-    share = 0.5
-    while high.volume - low.volume > BRACKET * abs(high.volume) and share > _LEAST_SHARE:
-        volume = low.volume + share * (high.volume - low.volume)
-        start = low.displacement + share * (high.displacement - low.displacement)
-        pressure = low.pressure + share * (high.pressure - low.pressure)
-        try:
-            middle = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume)
-        except NewtonError as error:
-            tracer.work += error.work
+    share, least = 0.5, 0.5 * BRACKET * abs(high.volume)
+    while share * (high.volume - low.volume) > least:
+        middle = _middle(tracer, low, high, share)
+        if middle is None:
             share *= 0.5
             continue
-        tracer.work += middle.work
-        share = 0.5
-        if middle.stable or tracer.is_elliptic(middle.displacement):
+        share = min(2.0 * share, 0.5)
+        if _is_sound(tracer, middle):
             low = middle
         else:
             high = middle
     return low, high
+
+
+def _middle(tracer: Tracer, low: Point, high: Point, share: float) -> Point | None:
+    """A point of the branch of `low` at a share of the volume between two."""
+    volume = low.volume + share * (high.volume - low.volume)
+    with suppress(NewtonError):
+        return _at_volume(tracer, low, volume)
+    start = low.displacement + share * (high.displacement - low.displacement)
+    pressure = low.pressure + share * (high.pressure - low.pressure)
+    with suppress(NewtonError):
+        return _checked(tracer, low, _from(tracer, start, pressure, volume))
+    return None
+
+
+def _is_sound(tracer: Tracer, point: Point) -> bool:
+    return not tracer.elliptic or point.stable or tracer.is_elliptic(point.displacement)
+
+
+def _from(tracer: Tracer, start: Floats, pressure: float, volume: float) -> Point:
+    """The point at a volume from a shape and a pressure near by; raises NewtonError."""
+    try:
+        point = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume)
+    except NewtonError as error:
+        tracer.work += error.work
+        raise
+    tracer.work += point.work
+    return point
 
 
 def _limit(tracer: Tracer, points: list[Point], failure: NewtonError) -> StoppedError:

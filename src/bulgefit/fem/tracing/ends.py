@@ -9,14 +9,24 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.equilibrium import NewtonError
-from bulgefit.fem.tracing.levels import Tracer
+from bulgefit.fem.tracing.levels import Level, Tracer, is_between
 
-__all__ = ["BRACKET", "StoppedError", "check_ellipticity", "given_up", "lost_at", "solve_error"]
+__all__ = [
+    "BRACKET",
+    "StoppedError",
+    "beside",
+    "check_ellipticity",
+    "given_up",
+    "lost_at",
+    "solve_error",
+]
 
 Floats = NDArray[np.float64]
 
 #: Accuracy of the pressure at which ellipticity is lost, relative in s.
 BRACKET = 1e-4
+#: How far beyond such a pressure its branch is looked for again, in units of that.
+_BESIDE = (0.0, 2.0, 6.0, 18.0)
 
 
 class StoppedError(ArithmeticError):
@@ -73,23 +83,37 @@ def check_ellipticity(tracer: Tracer) -> None:
         With the pressure at which the path is both unstable and not elliptic, by bisection.
     """
     levels = tracer.levels
-    if levels[-1].stable or tracer.is_elliptic(levels[-1].displacement):
+    if tracer.is_sound(levels[-1]):
         return
-    sound = [level.stable or tracer.is_elliptic(level.displacement) for level in levels]
-    first = sound.index(False)
+    first = [tracer.is_sound(level) for level in levels].index(False)
     if first == 0:
         raise lost_at(tracer, levels[0].s, 0.0)
-    below, top = levels[first - 1], levels[first].s
+    s, shape = sound_up_to(tracer, levels[first - 1], levels[first].s)
+    del levels[first:]
+    tracer.solve(s, shape, follow=True, rough=True)
+
+
+def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats]:
+    """The shape at s = `top`, or little above it, where a path is sound all the way up to it.
+
+    Parameters
+    ----------
+    below : Level
+        A sound one.
+
+    Raises
+    ------
+    StoppedError
+        Where it is not.
+    """
     s, shape, slope = below.s, below.displacement, below.slope
     while s < top:
         s, high, shape, slope = _bisected(tracer, s, top, shape, slope)
-        # what a long step did not find there may be found from near by
-        found = tracer.sound_from(shape + (high - s) * slope, high)
-        if found is None:
+        ahead = beside(tracer, s, high, shape, slope)
+        if ahead is None:
             raise lost_at(tracer, high, s, shape)
-        s, (shape, slope) = high, found
-    del levels[first:]
-    tracer.solve(top, shape, follow=True, rough=True)
+        s, shape, slope = ahead
+    return s, shape
 
 
 def _bisected(
@@ -107,3 +131,21 @@ def _bisected(
         else:
             low, (shape, slope) = middle, found
     return low, high, shape, slope
+
+
+def beside(
+    tracer: Tracer, low: float, high: float, shape: Floats, slope: Floats
+) -> tuple[float, Floats, Floats] | None:
+    """The next s at which a sound shape of the same branch is found from near by; None without any.
+
+    What a long step did not find may be found from there. And beside a point at which a wrinkle
+    comes or goes Newton's method may not converge, while the branch goes on behind it.
+    """
+    for s in (high * (1.0 + BRACKET * np.array(_BESIDE))).tolist():
+        found = tracer.sound_from(shape + (s - low) * slope, s)
+        if found is None:
+            continue
+        change = found[0] - shape
+        if is_between(change, (s - low) * slope, (s - low) * found[1]):
+            return s, *found
+    return None

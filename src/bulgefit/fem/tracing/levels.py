@@ -15,7 +15,7 @@ from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
-__all__ = ["ROUGH", "BandedError", "Level", "Tracer"]
+__all__ = ["ROUGH", "BandedError", "Level", "Tracer", "is_between"]
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,7 @@ _PREDICTOR_LEVELS = 3
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's.
 ROUGH = 0.1
+_TINY = np.finfo(float).tiny
 
 
 @dataclass(eq=False)
@@ -56,6 +57,20 @@ class BandedError(NewtonError):
     """
 
 
+def is_between(change: Floats, before: Floats, after: Floats) -> bool:
+    """Whether a branch changes (n, 3) as its tangents at both ends say, but for `ROUGH` of it.
+
+    Smooth ones do as the first says; over a kink a part f as that and the rest as the second,
+    f b + (1 - f) a.
+    """
+    close = ROUGH * np.abs(change).max()
+    if np.abs(change - before).max() <= close:
+        return True
+    bend, rest = before - after, change - after
+    share = np.clip(np.vdot(bend, rest) / max(np.vdot(bend, bend), _TINY), 0.0, 1.0)
+    return bool(np.abs(rest - share * bend).max() <= close)
+
+
 class Tracer:
     """Solved levels in s = p^(1/3), and the work spent on them."""
 
@@ -83,6 +98,10 @@ class Tracer:
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
         return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
+
+    def is_sound(self, level: Level) -> bool:
+        """Whether a level is stable, or the law elliptic, where that matters."""
+        return not self.elliptic or level.stable or self.is_elliptic(level.displacement)
 
     def sound_from(self, guess: Floats, s: float) -> tuple[Floats, Floats] | None:
         """The shape balanced from a guess, and its ∂u/∂s, where it is stable or the law elliptic.
