@@ -20,6 +20,7 @@ from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import Path, linear_interpolation_bound
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
+from bulgefit.fem.tracing.levels import is_between
 from bulgefit.fem.volume_control import Point, at_volume
 
 Floats = NDArray[np.float64]
@@ -826,3 +827,16 @@ def test_beyond_ellipticity_a_limit_is_told() -> None:
     assert below.stable.all()
     with pytest.raises(RunAwayError):
         solve(membrane, below.displacement[-1], 1.02 * limit.pressure, stiffness, patient=True)
+
+
+def test_a_branch_lies_between_its_tangents_over_a_kink() -> None:
+    """A part of the way as before it and the rest as behind it; nothing else does."""
+    rng = np.random.default_rng(4)
+    before, after = rng.standard_normal((2, 50, 3))
+    assert is_between(before, before, after)
+    assert is_between(0.7 * before + 0.3 * after, before, after)
+    assert not is_between(1.7 * before - 0.7 * after, before, after)
+    elsewhere = np.zeros((50, 3))
+    elsewhere[7, 2] = 5.0
+    assert not is_between(0.7 * before + 0.3 * after + elsewhere, before, after)
+    assert not is_between(elsewhere, before, before)

@@ -386,3 +386,22 @@ def test_a_reference_image_hides_heights_and_nothing_else() -> None:
     assert hidden == {Owned("initial_shape", k): (Owned("reference_state", k),) for k in range(2)}
     alone = Coordinates.of([catalogue()["initial_shape"]], [{}]).groups
     assert not any(g.hidden_by for g in alone)
+
+
+def test_what_is_known_is_not_stepped_in(data: Data) -> None:
+    """Moduli and a shared effect by value; what is stepped in is the same as beside them."""
+    cloth = {"E1": 330.0, "E2": 220.0, "G12": 25.0, "nonlinear_material.s_x": -0.2}
+    effects = [catalogue()["clamp_slip"]]
+    nulls = [data.specimen.nulls()]
+    known, free = Coordinates.of(effects, nulls, known=cloth), Coordinates.of(effects, nulls)
+    assert [g.id.effect for g in known.groups] == ["clamp_slip"]
+    x = np.array([g.null for g in known.groups]).ravel() + 0.01
+    assert known.values(x, 0).items() >= cloth.items()
+    assert known.scaled({}).known == cloth
+    moduli = np.log([cloth[m] for m in ("E1", "E2", "G12")])
+    beside = Weighing([data], free)
+    alone = Weighing([data], Coordinates.of(effects, nulls, known=dict(list(cloth.items())[:3])))
+    whole, own = np.concatenate([moduli, x]), np.arange(len(x))
+    one, other = beside.linearise(whole, own + 3), alone.linearise(x, own)
+    np.testing.assert_allclose(one.gradient, other.gradient, rtol=1e-9)
+    assert one.square == pytest.approx(other.square, rel=1e-12)
