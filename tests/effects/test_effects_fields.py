@@ -99,25 +99,25 @@ def test_a_soft_spot_is_where_its_bump_is():
 def test_a_soft_spot_is_told_against_the_cloth_about_it():
     """The moduli are the specimen's mean; cloth in most places is stiffer by what a spot takes."""
     field = fields()["stiffness_field"]
-    assert field.level(own(field)).value == 1.0
+    assert field.typical(own(field)).value == 1.0
     k = int(np.argmin(np.hypot(*(CENTRES - [0.44, -0.22]).T)))
     values = own(field, **{f"b{k}": -0.6})
     # a bump's mean over the disc is 2w²
-    assert field.level(values).value == pytest.approx(np.exp(0.6 * 2.0 * 0.11**2), rel=1e-3)
+    assert field.typical(values).value == pytest.approx(np.exp(0.6 * 2.0 * 0.11**2), rel=1e-3)
     size, _ = field.sampled(values, 100.0, np.array([0.1])).largest
     assert size == pytest.approx(np.expm1(-0.6), abs=0.01)
-    assert fields()["rim_field"].level({}).value == 1.0
+    assert fields()["rim_field"].typical({}).value == 1.0
 
 
 def test_a_level_moves_as_the_field_does_where_it_is_the_median():
     """Against differences of the median itself; and its error is that of a median of so many."""
     field, rng = fields()["stiffness_field"], np.random.default_rng(7)
     values = own(field, **dict(zip(NAMES, rng.normal(0.0, 0.1, len(NAMES)), strict=True)))
-    level, slopes, changes = field.level(values), [], []
+    level, slopes, changes = field.typical(values), [], []
     for _ in range(30):
         along = dict(zip(NAMES, rng.normal(0.0, 1.0, len(NAMES)), strict=True))
         ends = [
-            field.level({n: values[n] + sign * 1e-2 * along[n] for n in NAMES}).value
+            field.typical({n: values[n] + sign * 1e-2 * along[n] for n in NAMES}).value
             for sign in (1.0, -1.0)
         ]
         slopes.append(sum(level.slopes[n] * along[n] for n in NAMES))
@@ -141,7 +141,7 @@ def test_what_stands_out_on_one_side_leaves_the_level_open():
     values = dict(zip(NAMES, -0.12 * bells, strict=True))
     size, _ = field.sampled(own(field, **values), 100.0, np.array([0.1])).largest
     assert size < -0.29
-    level = field.level(own(field, **values))
+    level = field.typical(own(field, **values))
     at = np.array([[0.8, 0.3], [0.5, -0.6], [0.6, 0.6]])  # far from the spot
     cloth = field.material(own(field, **values), Cloth(1.0, 1.0, 1.0, 0.2, at[None]))
     off = float(np.log(level.value) - np.log(cloth.thickness).max())

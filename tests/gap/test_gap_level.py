@@ -50,7 +50,7 @@ def test_its_errors_are_those_of_draws_from_the_posterior(fit: Regression) -> No
     row = np.array([level.slopes.get(key, 0.0) for key in fit.columns])
     along = np.exp(away @ row + level.error * rng.normal(size=len(away)))
     own = {p.name: 0.0 for p in FIELD.parameters} | {"b60": TRUTH["stiffness_field.b60"]}
-    true = FIELD.level(own).value
+    true = FIELD.typical(own).value
     for m, error in level.errors(fit).items():
         drawn = level.value * along * (fit.values[m] + away[:, fit.columns.index(m)])
         assert error == pytest.approx(drawn.std(), rel=0.03)

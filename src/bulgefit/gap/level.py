@@ -37,7 +37,7 @@ class Level:
     @classmethod
     def of(cls, kind: Field, values: Mapping[Key, float]) -> Level:
         """That of a field, by its parameters."""
-        found = kind.level({key.parameter: value for key, value in values.items()})
+        found = kind.typical({key.parameter: value for key, value in values.items()})
         slopes = {k: found.slopes[k.parameter] for k in values if k.parameter in found.slopes}
         return cls(found.value, slopes, found.error)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own
 
-__all__ = ["Field", "Level", "Sampled"]
+__all__ = ["Field", "Sampled", "Typical"]
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Sampled:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Typical:
     """What a field multiplies the cloth's moduli by in most places.
 
     Attributes
@@ -93,6 +93,6 @@ class Field(Effect):
         """
         raise NotImplementedError
 
-    def level(self, own: Own) -> Level:
+    def typical(self, own: Own) -> Typical:
         """What it multiplies the cloth's moduli by in most places: told with them, not with it."""
-        return Level()
+        return Typical()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Own, several
-from bulgefit.effects.fields.base import Field, Level, Sampled
+from bulgefit.effects.fields.base import Field, Sampled, Typical
 from bulgefit.effects.places import Cloth
 
 __all__ = ["EFFECT"]
@@ -75,7 +75,7 @@ class StiffnessField(Field):
         found = _logarithm(own)
         return Sampled(np.expm1(found - np.median(found)), {"x_mm": x, "y_mm": y})
 
-    def level(self, own: Own) -> Level:
+    def typical(self, own: Own) -> Typical:
         """Its median: a spot is told against the cloth about it, whose moduli are the cloth's.
 
         The median moves as the field does where it is the median: in the tenth of the places that
@@ -92,7 +92,7 @@ class StiffnessField(Field):
         error = (high - low) / (2.0 * _ABOUT) / (2.0 * np.sqrt(number))
         error = np.hypot(error, _of_most_alike(found) - middle)
         named = dict(zip(_NAMES, slopes.tolist(), strict=True))
-        return Level(float(np.exp(middle)), named, float(error))
+        return Typical(float(np.exp(middle)), named, float(error))
 
 
 @lru_cache(maxsize=1)
