@@ -63,6 +63,7 @@ WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
 NEWS = "fitting/test_bad_news.py"
+HELD_OUT = "gap/test_gap_diagnose.py::test_what_only_the_kept_out_specimen_has_is_found"
 
 MUTANTS = (
     # effects
@@ -244,8 +245,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "doubtful and _leaps(",
-        "not doubtful and _leaps(",
+        "doubtful and not is",
+        "not doubtful and not is",
         "fem/test_path.py",
     ),
     Mutant(
@@ -253,7 +254,29 @@ MUTANTS = (
     ),
     Mutant("fem/tracing/between.py", "np.argmax(errors)", "np.argmin(errors)", "fem/test_path.py"),
     Mutant(
-        "fem/tracing/by_volume.py", "middle).max() > c", "middle).max() < c", "fem/test_path.py"
+        "fem/tracing/levels.py", "rest - share * bend", "rest + share * bend", "fem/test_path.py"
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "if _is_sound(tracer, near)",
+        "if not _is_sound(tracer, near)",
+        "fem/test_path.py",
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "0.5 * BRACKET * abs",
+        "500.0 * BRACKET * abs",
+        "fem/test_path.py",
+    ),
+    Mutant(
+        "fem/tracing/between.py",
+        "    if tracer.is_sound(b",
+        "    if between or (b",
+        "fem/test_path.py",
+    ),
+    Mutant("gap/follow_up/holdout.py", "argsort(-recorded", "argsort(recorded", HELD_OUT),
+    Mutant(
+        "gap/evidence/coordinates.py", "{**self.known, **own}", "own", "gap/test_gap_weighing.py"
     ),
     Mutant(
         "fem/tracing/ends.py", "raise lost_at(tracer, high, s", "break  # (", "fem/test_path.py"

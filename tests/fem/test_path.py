@@ -495,6 +495,14 @@ def test_a_branch_is_followed_up_to_a_volume_whose_shape_is_anothers() -> None:
     assert trace(membrane, stiffness, (1e-4, 0.99 * caught.value.reached)).stable.all()
 
 
+def test_a_level_between_others_is_none_of_another_branch() -> None:
+    """Dense output led to an unstable shape between two stable ones, and the path was unstable."""
+    heights = (-9.345914553, 2.675003314, -1.764563813, -4.771543573, -0.058235582)
+    membrane = _uneven(heights, "hencky", refine=3, slack=(-0.016608637, -0.011436749))
+    stiffness = orthotropic_stiffness(59.139195938, 242.024381970, 1.290261013, 0.034965974)
+    assert trace(membrane, stiffness, (1e-4, 0.27854)).stable.all()
+
+
 def test_a_loss_is_no_other_branch_and_no_kink() -> None:
     """At 0.33 bar a long step led to an unstable shape of another branch, which was told as a loss.
 

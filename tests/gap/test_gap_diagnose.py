@@ -337,13 +337,13 @@ def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
 def test_what_only_the_kept_out_specimen_has_is_found() -> None:
     """A gauge of its own that errs, and a stiffness about its cloth's, which is known."""
     own = {"pressure_offset.offset": -0.02, "specimen_factor.warp": 1.06}
-    other = made(own, frames=11)
+    other = made(own, frames=10)
     found = diagnose(made({}), holdout=replace(other, name="other"), effects=CANDIDATES)
     assert found.verdict == "none"
     kept = found.holdout
     assert kept is not None
     assert kept.fitted_bar[-1] == pytest.approx(2.5)  # courses over pressure are told by its share
-    assert len(kept.fitted_bar) == 6
+    assert len(kept.fitted_bar) == 5
     for name, value in own.items():
         told = kept.parameters[name]
         assert abs(told["value"] - value) < 4 * told["stderr"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
-from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer, is_between
+from bulgefit.fem.tracing.levels import Level, Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["go_by_volume"]
@@ -119,41 +119,19 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
     another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
-    where the law is not elliptic and the branch leaps: between two shapes bands of shear may have
-    come.
+    where the law is not elliptic and the branch leaps, further than its tangents say: between two
+    shapes bands of shear may have come.
 
     Raises
     ------
     NewtonError
     """
     doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
-    banded = doubtful and _leaps(tracer, here, point)
-    if banded or (point.stable and point.pressure < here.pressure):
+    change, grown = point.displacement - here.displacement, point.volume - here.volume
+    leaps = doubtful and not is_between(change, grown * here.slope, grown * point.slope)
+    if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
-
-
-def _leaps(tracer: Tracer, here: Point, point: Point) -> bool:
-    """Whether a shape is on another branch than the one before it.
-
-    It is on the same where the tangent led to it but for `ROUGH` of the change. Where a wrinkle
-    comes or goes the branch has a kink, and its tangent leads elsewhere however short a step is;
-    but then what changes lies between what the tangents of both shapes say; or, of several kinks,
-    the shape halfway lies in the middle, which it does not between two branches.
-
-    Raises
-    ------
-    NewtonError
-    """
-    change, grown = point.displacement - here.displacement, point.volume - here.volume
-    if is_between(change, grown * here.slope, grown * point.slope):
-        return False
-    middle = 0.5 * (here.displacement + point.displacement)
-    pressure, volume = 0.5 * (here.pressure + point.pressure), 0.5 * (here.volume + point.volume)
-    halfway = _from(tracer, middle, pressure, volume)
-    # from a stable shape to another one across unstable ones: the branch turns, and turns back
-    far = np.abs(halfway.displacement - middle).max() > ROUGH * np.abs(change).max()
-    return not halfway.stable or bool(far)
 
 
 def _past_turn(tracer: Tracer, here: Point, point: Point) -> Point | None:
