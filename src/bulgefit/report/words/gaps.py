@@ -47,10 +47,12 @@ def held_out_words(record: Record) -> str:
     kept = record.get("holdout")
     if kept is None:
         return ""
+    own = sorted({name.partition(".")[0] for name in kept["parameters"]})
+    found = f" ({', '.join(own)})" if own else ""
     return (
-        f"{kept['test']} took no part. With what specimens share from the other tests, and its own "
-        f"{len(kept['parameters'])} parameters fitted on {len(kept['fitted_bar'])} of its frames, "
-        f"e_w on the {len(kept['judged_bar'])} between them goes from "
+        f"{kept['test']} took no part. With what specimens share from the other tests, and what it "
+        f"has of its own{found} by {len(kept['fitted_bar'])} of its frames, e_w on the "
+        f"{len(kept['judged_bar'])} between them goes from "
         f"{kept['baseline']['e_w']:.4f} to {kept['explained']['e_w']:.4f} mm (noise "
         f"{kept['noise_floor']['e_w']:.4f})."
     )
