@@ -266,7 +266,11 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
 
 
 def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: SolveError) -> bool:
-    """Whether the path is stable up to 1 % above, followed by 0.2 % at a time."""
+    """Whether the path is stable up to 1 % above, followed by 0.2 % at a time.
+
+    Two stable shapes may also lie on either side of a snap: the branch between them, by its volume,
+    is then unstable.
+    """
     before, shape = below(0.998 * below.pressure[-1])[0], below.displacement[-1]
     for p in np.arange(0.992, 1.011, 0.002) * error.reached:
         try:
@@ -276,7 +280,24 @@ def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: Solv
         if not balance.stable:
             return False
         before, shape = shape, balance.displacement
+        if p > 0.997 * error.reached and _snaps(membrane, stiffness, before, shape, float(p)):
+            return False
     return True
+
+
+def _snaps(
+    membrane: Membrane, stiffness: np.ndarray, low: np.ndarray, high: np.ndarray, p: float
+) -> bool:
+    """Whether the branch between two shapes is unstable, and not elliptic, at one of 39 volumes."""
+    first, last = membrane.volume(low), membrane.volume(high)
+    shape = low
+    for volume in np.linspace(first, last, 41)[1:-1]:
+        with suppress(NewtonError):
+            point = at_volume(membrane, stiffness, shape, p, float(volume))
+            shape = point.displacement
+            if not point.stable and membrane.acoustic_margin(shape, stiffness) < 0.0:
+                return True
+    return False
 
 
 def _lost_by_volume(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
-from bulgefit.fem.tracing.levels import Level, Tracer, is_between
+from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["go_by_volume"]
@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 #: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
 _GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
+#: Share of a change by which it may depart from what tangents say, where growth is more than this.
+_CLOSE, _SHORT_GROWTH = 0.03, 1e-3
 #: Steps by volume before a branch that still rises is given up.
 _BY_VOLUME = 40
 
@@ -120,7 +122,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
     another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
     where the law is not elliptic and the branch leaps, further than its tangents say: between two
-    shapes bands of shear may have come.
+    shapes bands of shear may have come. They are the greater share of a change the less that is,
+    which what many kinks leave is not.
 
     Raises
     ------
@@ -128,7 +131,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     """
     doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
     change, grown = point.displacement - here.displacement, point.volume - here.volume
-    leaps = doubtful and not is_between(change, grown * here.slope, grown * point.slope)
+    close = ROUGH if grown <= _SHORT_GROWTH * abs(here.volume) else _CLOSE
+    leaps = doubtful and not is_between(change, grown * here.slope, grown * point.slope, close)
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point

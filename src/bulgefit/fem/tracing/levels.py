@@ -57,18 +57,18 @@ class BandedError(NewtonError):
     """
 
 
-def is_between(change: Floats, before: Floats, after: Floats) -> bool:
-    """Whether a branch changes (n, 3) as its tangents at both ends say, but for `ROUGH` of it.
+def is_between(change: Floats, before: Floats, after: Floats, close: float = ROUGH) -> bool:
+    """Whether a branch changes (n, 3) as its tangents at both ends say, but for a share of it.
 
     Smooth ones do as the first says; over a kink a part f as that and the rest as the second,
     f b + (1 - f) a.
     """
-    close = ROUGH * np.abs(change).max()
-    if np.abs(change - before).max() <= close:
+    apart = close * np.abs(change).max()
+    if np.abs(change - before).max() <= apart:
         return True
     bend, rest = before - after, change - after
     share = np.clip(np.vdot(bend, rest) / max(np.vdot(bend, bend), _TINY), 0.0, 1.0)
-    return bool(np.abs(rest - share * bend).max() <= close)
+    return bool(np.abs(rest - share * bend).max() <= apart)
 
 
 class Tracer:
