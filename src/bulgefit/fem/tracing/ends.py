@@ -19,6 +19,7 @@ __all__ = [
     "given_up",
     "lost_at",
     "solve_error",
+    "sound_up_to",
 ]
 
 Floats = NDArray[np.float64]
