@@ -30,7 +30,7 @@ from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import Gap, gap_of, noise_gap
 from bulgefit.gap.scatter import of_the_cloth
 
-__all__ = ["HeldOutTest", "cloth_of", "judge_held_out"]
+__all__ = ["HeldOutTest", "judge_held_out"]
 
 Floats = NDArray[np.float64]
 
@@ -97,9 +97,10 @@ def judge_held_out(
     renew_noise(prepared, alone)
     drop_outliers(prepared, alone)
 
-    own = _of_its_own(prepared, cloth_of(found.final), effects, np.flatnonzero(fitted), say)
+    cloth = _cloth_of(found.final)
+    own = _of_its_own(prepared, cloth, effects, np.flatnonzero(fitted), say)
     values = {key.name: value for key, value in own.values.items()}
-    full = _predicted(prepared, {**cloth_of(found.final), **values})
+    full = _predicted(prepared, {**cloth, **values})
     renew_noise(prepared, full)
     (offset,) = own.offsets
     if offset is not None:
@@ -121,7 +122,7 @@ def judge_held_out(
     )
 
 
-def cloth_of(final: Regression) -> dict[str, float]:
+def _cloth_of(final: Regression) -> dict[str, float]:
     """What a further specimen shares with these, by name.
 
     Of several, what no one owns is the cloth's or the rig's; the moduli are the mean specimen's.
