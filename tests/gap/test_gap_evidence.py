@@ -73,6 +73,9 @@ class Known:
     def lighter(self, near: Any) -> Any:
         return near
 
+    def rounded(self, near: Any) -> Any:
+        return near
+
     def again(self, here: Linearised, x: np.ndarray) -> Linearised:
         there = self.linearise(x, here.columns[:0])
         residual = self._measured - self._curve(x)[0]

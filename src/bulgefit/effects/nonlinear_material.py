@@ -19,6 +19,8 @@ class NonlinearMaterial(Effect):
 
     The stress gains k E e² (the secant stiffness changes by k per unit strain; > 0 stiffens), and
     its slope changes from E to (1 + s) E about the strain `knee`, where half of that is reached.
+    Polyester fibres yield at 0.5 to 2.2 % (Northolt, Baltussen and Schaffers-Korff, 1995, "Yielding
+    and hysteresis of polymer fibres"), beyond which their slope is a small part of what it was.
     """
 
     id = "nonlinear_material"
@@ -41,8 +43,9 @@ class NonlinearMaterial(Effect):
                 "1",
                 -0.95,
                 3.0,
-                prior=math.log(2.0),
-                reason="coatings crack and crimp straightens: slopes halve or double",
+                prior=math.log(4.0),
+                reason="polyester yields at 0.5 to 2 % strain, crimp straightens: slopes go to a "
+                "quarter or to four times",
                 step=1e-3,
                 start=0.3,
                 coordinate="log",  # of the slope beyond the knee, E(1 + s): it is never nothing

@@ -31,7 +31,7 @@ class RimLift(Effect):
             0.0,
             2.0,
             prior=0.3,
-            reason="rings of 10 mm steel under 9 kN a bar rise by some tenths of a millimetre",
+            reason="rings of 10 mm steel under 3 kN a bar rise by some tenths of a millimetre",
             step=1e-4,
             start=0.05,
         ),

@@ -56,7 +56,8 @@ class Attempt:
         names = layout.free
         search = Search(weighing, layout, names, say)
         free = tuple(n for n in names if is_field(n))
-        return cls(weighing.data, search, Ways(search, rough.x, rough.here.near, free, origin))
+        ways = Ways(search, rough.x, rough.here.near, free, origin, doubted=rough.given_up)
+        return cls(weighing.data, search, ways)
 
     def _by(self, search: Search[Weighing]) -> Attempt:
         """The same by another search."""
@@ -85,7 +86,8 @@ class Attempt:
     def begun_beside(self, offsets: Sequence[Creases]) -> Attempt:
         """From the same starts, beside offsets of the points."""
         weighing = Weighing(self.data, self.search.problem.coordinates, offsets)
-        return self._by(replace(self.search, problem=weighing, fits={}, renewed=set(), looked=[]))
+        search = replace(self.search, problem=weighing, fits={}, renewed=set(), looked=[])
+        return replace(self, search=search, ways=replace(self.ways, search=search, doubted=False))
 
     def beside_offsets(self, fit: Fit) -> Attempt | None:
         """A model from where it stands, beside offsets of the points; None where it leaves none."""
@@ -153,7 +155,9 @@ class Attempt:
             taken = taken_up(search.problem, best, search.layout)
             by = loudest(self.data, self.seen.predictions, taken)
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
-            best = search.fit(best.model, best.x, best.here.near) or best
+            found = search.fit(best.model, best.x, best.here.near)
+            self.search.fits[best.model] = best.lighter(search.problem)
+            best = found or best
         search.improved(best)
         closely(search, self.ways.named)
         return self._by(search)

@@ -95,6 +95,8 @@ def explain(
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
     chances = weighed(search.scores(left), search.names)
+    known = _known(search)
+    search.looked.clear()  # it is memory that workers need
     pace.begins(Stage.PARTS)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(
@@ -116,7 +118,7 @@ def explain(
     return Explanation(
         baseline=baseline,
         final=final,
-        known=_known(search),
+        known=known,
         groups=keys,
         evidence=evidence,
         others={g: p for g, p in chances.groups.items() if g not in groups and p > 0.0},

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 #: effect of its own: a clamp that opens and nowhere sinks is these orders beside that.
 ORDERS = (2, 3, 4)
 _NAMES = tuple(f"{kind}{order}" for order in ORDERS for kind in "cs")
-#: Rise (mm/bar) of a ring of 10 mm steel under 9 kN a bar that gives on one side.
+#: Rise (mm/bar) of a ring of 10 mm steel under 3 kN a bar that gives on one side.
 _RISE = 0.3
 #: Angles at which the field is looked at.
 _LOOK = 360

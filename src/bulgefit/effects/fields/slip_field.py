@@ -82,13 +82,15 @@ class SlipField(Field):
 
 def _motion(own: Own, clamping: Clamping) -> Floats:
     """Inwards (frames, n) mm at the clamp's angles (n,) and pressures (frames,)."""
-    load, angle = clamping.loaded, clamping.angle
-    out = np.zeros((len(load), len(angle)))
-    for name, (kind, m, k) in zip(_NAMES, _WAVES, strict=True):
-        if own[name]:
-            along = np.cos(m * angle) if kind == "c" else np.sin(m * angle)
-            out += own[name] * np.outer(load * np.cos(k * np.pi * load), along)
-    return out
+    load, angle = clamping.loaded[:, None], clamping.angle
+    courses = load * np.cos(np.pi * load * list(_ORDERS))
+    round_the_rim = np.zeros((len(_ORDERS), len(angle)))
+    for k, orders in _ORDERS.items():
+        turned = np.outer(orders, angle)
+        cosine = [own[f"c{m}_{k}"] for m in orders]
+        sine = [own[f"s{m}_{k}"] if m else 0.0 for m in orders]
+        round_the_rim[k] = cosine @ np.cos(turned) + sine @ np.sin(turned)
+    return np.asarray(courses @ round_the_rim)
 
 
 EFFECT = SlipField()

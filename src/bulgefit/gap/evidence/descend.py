@@ -28,6 +28,9 @@ _USED, _HALVINGS = 0.7, 30
 #: Corrections of a landing by the derivatives of the start, as long as each is shorter than this
 #: share of the one before, in prior widths (0.75 is Transtrum and Sethna's).
 _CORRECTIONS, _CONTRACTED = 3, 0.75
+#: Points in a row from which the gains would not lead down to what is hoped: at one alone they may
+#: just have been large.
+_HOPELESS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,8 @@ class Fit:
     converged : bool
     steps : int
         Points with derivatives that it took.
+    given_up : bool
+        It was on its way to more than was hoped of it.
     """
 
     model: Model
@@ -56,6 +61,7 @@ class Fit:
     covariance: Floats
     converged: bool
     steps: int
+    given_up: bool = False
 
     @property
     def x(self) -> Floats:
@@ -78,6 +84,7 @@ def descend(
     roughly: bool = False,
     share: float = 0.0,
     hope: float | None = None,
+    doubted: bool = False,
 ) -> Fit:
     """Minimise |r|²/v + Σ((x - n)/s)² over a model's coordinates.
 
@@ -113,9 +120,12 @@ def descend(
     share : float
         Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
     hope : float, optional
-        Stop where |r|²/v + Σ((x - n)/s)² is on its way to more than this: twice in a row gains that
-        go on falling as they did would not lead down to it (Aitken, 1926, "On Bernoulli's numerical
-        solution of algebraic equations").
+        Stop where |r|²/v + Σ((x - n)/s)² is on its way to more than this: at two points in a row
+        gains that go on falling, as what the next step promises does beside the last gain, would
+        not lead down to it (Aitken, 1926, "On Bernoulli's numerical solution of algebraic
+        equations").
+    doubted : bool
+        One point is enough for that: the start is where such a descent was given up.
 
     Raises
     ------
@@ -127,17 +137,23 @@ def descend(
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
     least = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
-    reach, converged, taken, last, hopeless = _REACH, False, 1, np.inf, 0
+    reach, converged, taken, last = _REACH, False, 1, np.inf
+    hopeless, seen = int(doubted), 1
     noise = problem.count / problem.inflation
     while taken < steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
         step, damped = _step(slope, matrix, layout, here, reach)
-        promised = 2.0 * slope @ step - step @ matrix @ step
+        promised = float(2.0 * slope @ step - step @ matrix @ step)
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
         unheld = size < _USED * reach
         if promised < (_misfit(problem, here) * least if unheld or roughly else _SETTLED):
             converged = unheld
             break
+        if hope is not None and taken > seen:
+            seen = taken
+            hopeless = hopeless + 1 if _ahead(promised, last) < value - hope else 0
+            if hopeless == _HOPELESS:
+                break
         landed = _landed(problem, layout, here, step, damped)
         gained, ahead = -np.inf, None
         if landed is not None:
@@ -157,22 +173,19 @@ def descend(
             value -= gained
             if gained < share * (value - noise):
                 break
-            if hope is not None:
-                hopeless = hopeless + 1 if _ahead(gained, last) < value - hope else 0
-                if hopeless == 2:
-                    break
             last = gained
     found = laplace(here, layout, columns, problem.inflation)
     # where a step that was not taken would lead is no evidence
     score = found.score if converged else found.score + found.ahead
     score += layout.believed(model)
-    return Fit(model, here.light(), score, found.covariance, converged, taken)
+    given_up = hopeless == _HOPELESS
+    return Fit(model, here.light(), score, found.covariance, converged, taken, given_up)
 
 
-def _ahead(gained: float, last: float) -> float:
-    """What all steps from here on gain, each as large a share of the one before as this one."""
-    share = gained / last
-    return gained * share / (1.0 - share) if 0.0 < share < 1.0 else np.inf
+def _ahead(promised: float, last: float) -> float:
+    """What all steps from here on gain, each as large a share of the one before as the next one."""
+    share = promised / last
+    return promised / (1.0 - share) if 0.0 < share < 1.0 else np.inf
 
 
 def _slopes(problem: Problem, landed: Linearised) -> Linearised | None:

@@ -186,6 +186,10 @@ class Problem(Protocol):
         """`near` without what only makes a neighbour's solve sooner, where many are kept."""
         ...
 
+    def rounded(self, near: Any) -> Any:
+        """`near` to the digits that a neighbour's solve begins from, where much is kept."""
+        ...
+
     def again(self, here: Linearised, x: Floats) -> Linearised:
         """The misfit at x by the derivatives `here`, which cost much more than the misfit.
 

@@ -98,10 +98,11 @@ class Search(Generic[Kind]):
         *,
         roughly: bool = False,
         hope: float | None = None,
+        doubted: bool = False,
     ) -> Fit | None:
         """A model fitted from a start, or as it was fitted before if that was better.
 
-        None where nothing balances. `hope` is what `descend` may be stopped by.
+        None where nothing balances. `hope` and `doubted` are what `descend` may be stopped by.
         """
         self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
         try:
@@ -115,6 +116,7 @@ class Search(Generic[Kind]):
                     roughly=roughly or self.roughly,
                     share=self.share,
                     hope=hope,
+                    doubted=doubted,
                 )
             )
         except SolveError:
@@ -154,6 +156,7 @@ class Search(Generic[Kind]):
             return fit.here
         self.looked.clear()  # with all fields free one is as much memory as all else
         found = self.problem.linearise(x, columns, fit.here.near).light()
+        found = replace(found, near=self.problem.rounded(found.near))
         self.looked.append((self.problem, self.names, fit, found))
         return found
 

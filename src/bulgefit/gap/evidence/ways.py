@@ -39,6 +39,8 @@ class Ways(Generic[Kind]):
         Groups that are freed by some ways alone.
     origin : (n,) array, optional
         Where nothing but what every model has departs from its null; default: `start`.
+    doubted : bool
+        The start is where a descent to the noise was given up.
     """
 
     search: Search[Kind]
@@ -46,6 +48,7 @@ class Ways(Generic[Kind]):
     near: object = None
     fields: tuple[Owned, ...] = ()
     origin: Floats | None = None
+    doubted: bool = False
 
     @property
     def named(self) -> tuple[Owned, ...]:
@@ -67,7 +70,9 @@ class Ways(Generic[Kind]):
         """
         named = self._named
         whole = named.layout.whole(named.names)
-        found = named.fit(whole, self.start, self.near, roughly=True, hope=named.noise)
+        found = named.fit(
+            whole, self.start, self.near, roughly=True, hope=named.noise, doubted=self.doubted
+        )
         if found is not None and hopeful():
             named.improved(found)
 

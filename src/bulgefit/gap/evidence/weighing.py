@@ -164,6 +164,13 @@ class Weighing:
         """See `Problem`: shapes without derivatives, half a megabyte each."""
         return [replace(shapes, derivative={}) for shapes in near]
 
+    def rounded(self, near: Sequence[Shapes]) -> list[Shapes]:
+        """See `Problem`: derivatives in single precision, by hundreds of coordinates."""
+        return [
+            replace(s, derivative={n: d.astype(np.float32) for n, d in s.derivative.items()})
+            for s in near
+        ]
+
     def again(self, here: Linearised, x: Floats) -> Linearised:
         """See `Problem`."""
         square, gradient, shapes = 0.0, np.zeros(len(here.columns)), list[Shapes]()
