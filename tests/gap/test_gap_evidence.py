@@ -472,8 +472,20 @@ def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
         for hope in (None, problem.count / problem.inflation)
     )
     assert plain.here.square - missed**2 < 2000.0
+    assert fit.given_up == (missed > 0.0)
     if missed:
         assert 1 < fit.steps < plain.steps
+        # where one was given up, another is sooner; what does reach the noise is not
+        again = descend(
+            problem,
+            layout,
+            layout.whole(),
+            fit.x,
+            hope=problem.count / problem.inflation,
+            doubted=True,
+        )
+        assert again.given_up
+        assert again.steps == 2
     else:
         np.testing.assert_array_equal(fit.x, plain.x)
 

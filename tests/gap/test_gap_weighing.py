@@ -405,3 +405,18 @@ def test_what_is_known_is_not_stepped_in(data: Data) -> None:
     one, other = beside.linearise(whole, own + 3), alone.linearise(x, own)
     np.testing.assert_allclose(one.gradient, other.gradient, rtol=1e-9)
     assert one.square == pytest.approx(other.square, rel=1e-12)
+
+
+def test_a_neighbour_is_found_as_well_by_derivatives_in_single_precision(data: Data) -> None:
+    """They take half the memory, and what is balanced does not tell where it was begun from."""
+    weighing, layout = weighing_of([data])
+    x = near_the_truth(weighing, layout)
+    columns = layout.columns(layout.whole())
+    here = weighing.linearise(x, columns)
+    (whole,), (rounded,) = here.near, weighing.rounded(here.near)
+    sizes = [sum(d.nbytes for d in s.derivative.values()) for s in (rounded, whole)]
+    assert sizes[0] == sizes[1] / 2
+    step = x + 0.02 * layout.width
+    found = [weighing.seen(step, [], 0, near).shapes for near in (whole, rounded)]
+    np.testing.assert_allclose(found[1].displacement, found[0].displacement, atol=2e-9)
+    assert found[0].factorisations == found[1].factorisations

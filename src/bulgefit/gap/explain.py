@@ -32,6 +32,7 @@ from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
+from bulgefit.parallel.memory import give_back
 
 __all__ = ["START", "explain"]
 
@@ -97,6 +98,7 @@ def explain(
     chances = weighed(search.scores(left), search.names)
     known = _known(search)
     search.looked.clear()  # it is memory that workers need
+    give_back()
     pace.begins(Stage.PARTS)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(
