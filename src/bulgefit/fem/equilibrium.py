@@ -201,6 +201,8 @@ def solve(
                     pressure, polished, factor, exact, search.slope, search.slope_change,
                     search.work, state.wrinkled, stable, search.leapt,
                 )  # fmt: skip
+            # what stalls does not converge as the last step let hope
+            search.rate = np.inf
         elif ahead <= AGAIN_BELOW * step:
             displacement = displacement + membrane.spread(correction)
             state = replace(state, tangent=None)
