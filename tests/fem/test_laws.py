@@ -217,7 +217,11 @@ def test_a_curve_multiplies_the_slopes_of_gains_and_bends(gain: tuple[float, flo
         for knot, log in zip(KNOTS[1:], logs[1:], strict=True):
             before, after = (slope(axis, knot, one) - lateral[axis] for one in (q, with_curve))
             assert before > 0.0
-            assert after == pytest.approx(before * math.exp(log), rel=1e-3)
+            # what it takes off at the last one it takes off beyond, of what is left in the end
+            in_the_end = slope(axis, 1e3, q) - lateral[axis]
+            last = knot == KNOTS[-1] and log < 0.0
+            of = min(before, in_the_end) if last else before
+            assert after == pytest.approx(before + of * math.expm1(log), rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -231,6 +235,17 @@ def test_a_curve_multiplies_the_slopes_of_gains_and_bends(gain: tuple[float, flo
 def test_curves_that_are_none(curve: np.ndarray, said: str) -> None:
     with pytest.raises(InputError, match=said):
         Fabric(curve=curve).law_parameters(STIFFNESS)
+
+
+def test_a_bend_that_goes_on_beyond_a_curve_leaves_a_rising_stress() -> None:
+    """What a curve takes off at its last knot, it takes off beyond, where the bend goes on."""
+    e1 = STIFFNESS[0] - STIFFNESS[2] ** 2 / STIFFNESS[1]
+    soft = np.array([[0.0, *[-1.0] * 6], [0.0] * 7])
+    for given in ({"bend": (-0.9 * e1, 0.0), "knee": (0.05, 0.01)}, {"gain": (-4.0 * e1, 0.0)}):
+        q = Fabric(curve=soft, **given).law_parameters(STIFFNESS)
+        strain = np.array([0.08, 0.15, 0.3, 1.0, 5.0])
+        stress = [energy(np.array([e + 1e-20j, 0.0, 0.0]), q).imag / 1e-20 for e in strain]
+        assert np.diff(stress).min() > 0.0
 
 
 def test_softest_curves_that_are_admitted_have_a_positive_energy() -> None:

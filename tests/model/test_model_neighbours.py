@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.errors import SolveError
+from bulgefit.fem.membrane import Membrane
 from bulgefit.model.description import active_effects, null_values, with_value
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
@@ -50,6 +54,21 @@ def test_what_is_not_named_stands_at_its_null(
     assert spent == [1, 1]
     afresh = virtual.shapes(there)
     np.testing.assert_allclose(found.displacement, afresh.displacement, atol=1e-7)
+
+
+def test_a_shape_without_derivatives_is_an_error_with_its_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Wrinkles of a law that softens may have none: a descent goes on from elsewhere."""
+
+    def none(*args: Any, **more: Any) -> np.ndarray:
+        raise ArithmeticError("sensitivity asked for at a collapsed shape")
+
+    monkeypatch.setattr(Membrane, "law_changes", none)
+    with pytest.raises(SolveError, match="no derivatives") as caught:
+        plain().shapes({**MODULI, "prestrain.slack_x": 2e-5}, NAMES)
+    assert caught.value.pressure == 0.1
+    assert caught.value.parameters["E1"] == MODULI["E1"]
 
 
 def test_a_difference_by_a_modulus_keeps_it_above_zero() -> None:

@@ -303,7 +303,12 @@ class Inflation:
                 own, guesses[frame], pressure[frame], given.stiffness, values, loose=loose
             )
             if changes:
-                forces.fields(balance, frame, fields[:, frame])
+                try:
+                    forces.fields(balance, frame, fields[:, frame])
+                except ArithmeticError as error:
+                    # a law of large softening may have a wrinkled point that no stress balances
+                    reason = f"the shape has no derivatives: {error}"
+                    raise _unsolved(reason, pressure[frame], values) from error
             return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
 
         frames = side_by_side(one, range(len(pressure)), threads)
@@ -577,11 +582,22 @@ def _solved(
                 raise
             return solve(membrane, guess, float(pressure), stiffness)
     except NewtonError as error:
-        raise SolveError(
-            f"no equilibrium near the last shape: {error.reason}",
-            pressure=float(pressure),
-            reached=float(pressure),
-            iteration=error.iteration,
-            residual_norm=error.residual_norm,
-            parameters=values,
-        ) from error
+        reason = f"no equilibrium near the last shape: {error.reason}"
+        raise _unsolved(reason, pressure, values, error.iteration, error.residual_norm) from error
+
+
+def _unsolved(
+    reason: str,
+    pressure: float,
+    values: dict[str, float],
+    iteration: int = 0,
+    residual_norm: float = 0.0,
+) -> SolveError:
+    return SolveError(
+        reason,
+        pressure=float(pressure),
+        reached=float(pressure),
+        iteration=iteration,
+        residual_norm=residual_norm,
+        parameters=values,
+    )
