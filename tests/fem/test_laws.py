@@ -217,10 +217,9 @@ def test_a_curve_multiplies_the_slopes_of_gains_and_bends(gain: tuple[float, flo
         for knot, log in zip(KNOTS[1:], logs[1:], strict=True):
             before, after = (slope(axis, knot, one) - lateral[axis] for one in (q, with_curve))
             assert before > 0.0
-            # what it takes off at the last one it takes off beyond, of what is left in the end
-            in_the_end = slope(axis, 1e3, q) - lateral[axis]
+            # what it takes off at the last one it takes off beyond, of what is left at last
             last = knot == KNOTS[-1] and log < 0.0
-            of = min(before, in_the_end) if last else before
+            of = min(before, slope(axis, 0.3, q) - lateral[axis]) if last else before
             assert after == pytest.approx(before + of * math.expm1(log), rel=1e-3)
 
 
@@ -243,7 +242,7 @@ def test_a_bend_that_goes_on_beyond_a_curve_leaves_a_rising_stress() -> None:
     soft = np.array([[0.0, *[-1.0] * 6], [0.0] * 7])
     for given in ({"bend": (-0.9 * e1, 0.0), "knee": (0.05, 0.01)}, {"gain": (-4.0 * e1, 0.0)}):
         q = Fabric(curve=soft, **given).law_parameters(STIFFNESS)
-        strain = np.array([0.08, 0.15, 0.3, 1.0, 5.0])
+        strain = np.linspace(0.08, 0.3, 12)  # where coated fabrics are torn
         stress = [energy(np.array([e + 1e-20j, 0.0, 0.0]), q).imag / 1e-20 for e in strain]
         assert np.diff(stress).min() > 0.0
 

@@ -152,7 +152,7 @@ class Fabric:
         """Slopes (2, K) MPa at the knots that a curve (2, K) adds to those of gains and bends.
 
         It multiplies these there; what it takes off at the last knot, it takes off beyond, too, so
-        there it is of what bends and gains that soften leave in the end. The stiffness
+        there it is of what bends and gains that soften leave before the cloth tears. The stiffness
         D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive definite where
         s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
         """
@@ -166,7 +166,7 @@ class Fabric:
         contraction = d12**2 / (d11 * d22)  # ν12 ν21
         moduli = (1.0 - contraction) * np.array([d11, d22])
         named = self._slopes(np.array(KNOTS), moduli, spent)
-        end = np.minimum(named[:, -1], self._slopes(_STRAINS[-1:], moduli, spent)[:, 0])
+        end = np.minimum(named[:, -1], self._slopes(np.array([_TORN]), moduli, spent)[:, 0])
         named[:, -1] = np.where(curve[:, -1] < 0.0, end, named[:, -1])
         added = named * np.expm1(curve)
         everywhere = [np.interp(_STRAINS, KNOTS, row) for row in added]
@@ -198,9 +198,10 @@ def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
         )
 
 
-#: Where slopes are looked at: from one to the next of these they hardly change, but beyond the last
-#: knot, where a curve adds no more and a bend goes on to its end.
-_STRAINS = np.append(np.linspace(0.0, KNOTS[-1], 161), 1e3)
+#: Where slopes are looked at: from one to the next of these they hardly change.
+_STRAINS = np.linspace(0.0, KNOTS[-1], 161)
+#: Coated fabrics tear before this strain.
+_TORN = 0.3
 _NO_CURVE = (0.0,) * (2 * len(KNOTS))
 
 

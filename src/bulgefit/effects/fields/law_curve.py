@@ -42,10 +42,10 @@ class LawCurve(Field):
 
     So stress rises with strain whatever the changes are; E is the slope at rest, and at a knot what
     laws with names (`nonlinear_material`) make of it there; what falls at the last knot falls by
-    its share of what those leave in the end, as it stays so beyond. Independent changes whose
-    variance is in proportion to the strain between knots make the logarithm of the slope a Wiener
-    process, the smoothness prior of splines (Wahba, 1978, "Improper priors, spline smoothing and
-    the problem of guarding against model errors in regression").
+    its share of what those leave before the cloth tears, as it stays so beyond. Independent changes
+    whose variance is in proportion to the strain between knots make the logarithm of the slope a
+    Wiener process, the smoothness prior of splines (Wahba, 1978, "Improper priors, spline smoothing
+    and the problem of guarding against model errors in regression").
     """
 
     id = "law_curve"
