@@ -629,6 +629,29 @@ def test_of_many_groups_that_are_not_there_none_is_likely_by_chance():
         assert found[f"g{i}"] == pytest.approx(exact, abs=0.05)
 
 
+def test_a_group_that_another_may_stand_for_is_not_sure():
+    """Without either nothing is explained, with both nothing is gained: only a swap tells."""
+    rng = np.random.default_rng(14)
+    alike, apart, third = np.linalg.qr(rng.normal(size=(60, 3)))[0].T * 100.0
+    rows = np.column_stack([alike, alike + 0.01 * apart, third])
+    measured = rows @ [0.9, 0.0, 1.0] + rng.normal(size=60)
+    problem = linear([group(name, [1.0]) for name in "abc"], rows, measured)
+    search = searched(problem)
+    best = explore(search, np.zeros(3))
+    search = replace(search, fits={best.model: best})  # no other one happened to be fitted
+    scores = {}
+    for mask in range(8):
+        columns = np.array([i for i in range(3) if mask >> i & 1], dtype=np.intp)
+        model = freeze({"abc"[i]: 0 for i in columns})
+        scores[model] = marginal(problem, rows, columns, measured) + search.layout.believed(model)
+    exact = weighed(scores, search.names)
+    found = weighed(search.scores(1.0), search.names)
+    for name in search.names:
+        assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
+    assert found.groups["a"] < 0.95
+    assert found.groups["c"] > 0.999
+
+
 def test_groups_that_hardly_count_are_not_sure_for_being_many():
     """Thirty independent groups at work, and differences that count for little.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import chain
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 
-__all__ = ["larger", "neighbours", "smaller"]
+__all__ = ["larger", "neighbours", "smaller", "swapped"]
 
 
 def smaller(layout: Layout, model: Model) -> Iterator[Model]:
@@ -27,6 +28,13 @@ def larger(layout: Layout, names: Iterable[Owned], model: Model) -> Iterator[Mod
             yield freeze({**forms, name: form})
 
 
+def swapped(layout: Layout, names: tuple[Owned, ...], model: Model) -> Iterator[Model]:
+    """One group in the place of another, or one larger with another one smaller."""
+    for rest in smaller(layout, model):
+        gone = set(dict(model)) - set(dict(rest))
+        yield from (m for m in larger(layout, names, rest) if not gone & set(dict(m)))
+
+
 def _otherwise(layout: Layout, model: Model) -> Iterator[Model]:
     """One group in any other form."""
     forms = dict(sorted(model))
@@ -38,11 +46,7 @@ def _otherwise(layout: Layout, model: Model) -> Iterator[Model]:
 
 def neighbours(layout: Layout, names: tuple[Owned, ...], model: Model) -> Iterable[Model]:
     """Every model one drop, growth, addition, swap or change of a form away."""
-    less = list(smaller(layout, model))
-    found = dict.fromkeys([*less, *larger(layout, names, model), *_otherwise(layout, model)])
-    for rest in less:
-        gone = set(dict(model)) - set(dict(rest))
-        grown = (m for m in larger(layout, names, rest) if not gone & set(dict(m)))
-        found.update(dict.fromkeys(grown))
+    one = smaller(layout, model), larger(layout, names, model), _otherwise(layout, model)
+    found = dict.fromkeys(chain(*one, swapped(layout, names, model)))
     found.pop(model, None)
     return found

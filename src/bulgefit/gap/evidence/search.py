@@ -21,7 +21,7 @@ from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.laplace import laplace
-from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
+from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller, swapped
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.parallel.journal import kept
 
@@ -223,9 +223,10 @@ class Search(Generic[Kind]):
         -2 ln of its probability, but for what is common to all.
 
         Looked around in is what holds more than a thousandth of the best one's probability: drops
-        from it, generation by generation, then a growth of each of these, and of what that leads
-        to. A generation is gone through as a whole or not at all, so that its growths are there
-        with and without each group. Where differences count for little (a large temper) there
+        from it, generation by generation, swaps in it, then a growth of each of these, and of what
+        that leads to. (Where one group may stand for another, neither that one's drop nor a growth
+        has a share.) A generation is gone through as a whole or not at all, so that its growths are
+        there with and without each group. Where differences count for little (a large temper) there
         would be no end of them, by groups that have no say. What is only forecast counts for no
         more than the best of what was fitted.
 
@@ -261,6 +262,8 @@ class Search(Generic[Kind]):
         while 0 < len(last) <= MOST_ALIKE:
             parts += last
             last = within(m for model in last for m in smaller(self.layout, model))
+        others = within(swapped(self.layout, self.names, best.model))
+        parts += others if len(others) <= MOST_ALIKE else []
         grown = within(m for model in parts for m in larger(self.layout, self.names, model))
         while 0 < len(grown) <= MOST_ALIKE:
             grown = within(m for model in grown for m in larger(self.layout, self.names, model))
