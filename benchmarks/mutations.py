@@ -329,7 +329,7 @@ MUTANTS = (
     ),
     Mutant(
         "fem/membrane.py",
-        "added = self._slopes(np.array(KNOTS), moduli, spent) * np.expm1(curve)",
+        "added = named * np.expm1(curve)",
         "added = moduli[:, None] * np.expm1(curve)",
         LAWS,
     ),
@@ -378,7 +378,16 @@ MUTANTS = (
     Mutant("gap/evidence/search.py", "replace(self, fits={}).fit", "self.fit", EVIDENCE),
     Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),
     Mutant("gap/evidence/closely.py", "turning or not foreseen", "turning", EVIDENCE),
-    Mutant("gap/evidence/descend.py", "share = gained / last", "share = 1.0", EVIDENCE),
+    Mutant("gap/evidence/descend.py", "share = promised / last", "share = 1.0", EVIDENCE),
+    Mutant(
+        "gap/evidence/descend.py",
+        "hopeless, seen = int(doubted), 1",
+        "hopeless, seen = 0, 1",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/search.py", "others if len(others)", "[] if len(others)", EVIDENCE),
+    Mutant("fem/membrane.py", "end, named[:, -1])", "named[:, -1], named[:, -1])", LAWS),
+    Mutant("fem/equilibrium.py", "search.rate = np.inf", "search.rate = 0.0", "fem/test_path.py"),
     Mutant(
         "gap/evidence/amplitude.py",
         "scaled = layout.scaled(",
