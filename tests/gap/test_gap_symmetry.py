@@ -62,7 +62,10 @@ def test_the_image_has_the_same_diagnosis(
     assert {cause.effect for cause in found.causes} == {"axis_misalignment", "registration"}
     before = {cause.effect: cause for cause in given.causes}
     for cause in found.causes:
-        assert cause.probability == pytest.approx(before[cause.effect].probability, abs=1e-6)
+        # descents end where a step would change -2 ln Z by 0.05; of odds that is half as much
+        share = before[cause.effect].probability
+        moved = 0.5 * 0.05 * share * (1.0 - share)
+        assert cause.probability == pytest.approx(share, abs=moved + 1e-6)
         for name, value in cause.parameters.items():
             own = before[cause.effect].parameters[name]
             # a hundredth of a standard error: where a search stops is a matter of rounding
