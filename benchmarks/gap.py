@@ -1,12 +1,12 @@
 """Diagnose the measured tests together and write what was found to docs/gap.md.
 
     python benchmarks/gap.py [--data ../shared/data/dic] [--write docs/gap.md] [--json FILE]
-                             [--report FOLDER] [--left-out]
+                             [--report FOLDER] [--left-out] [--law LAW] [--journal FILE]
 
 The specimens are of one cloth: they share its law. Frames are the recorded ones. The profiles (the
 same tests on two lines, at full resolution) take no part; they judge the model before and after.
 With `--left-out` each test is also met with what the other two say of the cloth, which takes three
-times as long again.
+times as long again. It takes hours; with `--journal` it goes on from what was done before.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import json
 import platform
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,9 +34,11 @@ from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
+from bulgefit.parallel.journal import journaled
 
 #: Recorded frames of each test.
 FIELDS = {1: "valmex_test1_binned", 2: "valmex_test2_recorded", 4: "valmex_test4_recorded"}
+LAW = "hencky"
 #: Strains (%) at which the law is told in docs/gap.md.
 STRAINS = (1.0, 2.0, 3.0, 5.0)
 
@@ -88,12 +91,12 @@ def on_profile(path: Path, fit: Regression, index: int, data: Data, weight: floa
     return gap_of([residual], [np.ones(3)], weight)["e_w"]
 
 
-def met(paths: Mapping[int, Path], left_out: int) -> dict[str, Any]:
+def met(paths: Mapping[int, Path], left_out: int, law: str) -> dict[str, Any]:
     """The other tests diagnosed together, and the one left out met with their cloth."""
     tests = {n: bulgefit.read_test(path) for n, path in paths.items()}
     others = [test for n, test in tests.items() if n != left_out]
     return bulgefit.diagnose(
-        others, holdout=tests[left_out], say=_say(f"test {left_out} left out")
+        others, law=law, holdout=tests[left_out], say=_say(f"test {left_out} left out")
     ).to_dict()
 
 
@@ -101,12 +104,13 @@ def _say(name: str) -> Any:
     return lambda what: print(f"{name}: {what}", file=sys.stderr, flush=True)
 
 
-def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]]) -> str:
+def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]], law: str) -> str:
     """All results as Markdown."""
+    options = f" --law {law}" * (law != LAW) + " --left-out" * bool(left_out)
     held = record["gap"]["heldout"]
     parts = [
         "# The gap of the measured tests",
-        f"Made by `python benchmarks/gap.py{' --left-out' if left_out else ''}`; Python "
+        f"Made by `python benchmarks/gap.py{options}`; Python "
         f"{platform.python_version()}. Tests 1, 2 and 4 of one coated fabric, diagnosed together "
         "by their recorded frames; gaps are e_w in mm (mean absolute deviations, dz weighed as "
         "the fit's objective does). Profiles: other data of the same tests, at full resolution.",
@@ -230,21 +234,30 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="keep the diagnoses here")
     parser.add_argument("--report", type=Path, help="draw the joint diagnosis into this folder")
     parser.add_argument("--left-out", action="store_true", help="meet each test with the others")
+    parser.add_argument("--law", default=LAW, help="hencky, svk or yarn (default: %(default)s)")
+    parser.add_argument("--journal", type=Path, help="keep what is done here, and go on from it")
     parser.add_argument("--workers", type=int, default=2)
     args = parser.parse_args()
     paths = {n: args.data / f"{name}.npz" for n, name in FIELDS.items()}
     tests = [bulgefit.read_test(path) for path in paths.values()]
-    found = bulgefit.diagnose(tests, workers=args.workers, say=_say("together"))
+    asked = {
+        "version": bulgefit.__version__,
+        "law": args.law,
+        "tests": [test.checksum for test in tests],
+        "left out": args.left_out,
+    }
+    with journaled(args.journal, asked, resume=True) if args.journal else nullcontext():
+        found = bulgefit.diagnose(tests, law=args.law, workers=args.workers, say=_say("together"))
+        left_out = {f"{n}": met(paths, n, args.law) for n in FIELDS} if args.left_out else {}
     record = {**found.to_dict(), "each": gaps_of_each(found, args.data)}
     if args.report is not None:
         from bulgefit.report.diagnosis import write_report
 
         write_report(found, args.report, force=True)
-    left_out = {f"{n}": met(paths, n) for n in FIELDS} if args.left_out else {}
     if args.json:
         kept = {"together": record, "left out": left_out}
         args.json.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-    text = page(record, left_out)
+    text = page(record, left_out, args.law)
     if args.write:
         args.write.write_text(text, encoding="utf-8")
     print(text)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -307,8 +308,9 @@ class Search(Generic[Kind]):
     ) -> Fit | None:
         """With the change that raises the evidence, of those that are forecast to do so most.
 
-        None, too, where so many `changes` of the forecast gain reach neither the best model nor the
-        goal below it.
+        Where several specimens are to change, the best change of each at once, if that does. None,
+        too, where so many `changes` of the forecast gain reach neither the best model nor the goal
+        below it.
         """
         forecast_of = self.forecasts(around, fit.model)
         here = forecast_of(fit.model)
@@ -321,11 +323,16 @@ class Search(Generic[Kind]):
             forecast = forecast_of(model)
             if forecast < here:
                 options.append((forecast, model))
+        if not options:
+            return None
         tried = sorted(options, key=lambda o: o[0])[:TRIES]
-        if changes is not None and tried:
+        if changes is not None:
             gain = here - tried[0][0]
             if fit.score - changes * gain > min(self.best.score, goal):
                 return None
+        elif (together := _of_each_specimen(fit.model, options)) is not None:
+            forecast = forecast_of(together)
+            tried = [(forecast, together)] * (forecast < tried[0][0]) + tried
         for _, model in tried:
             found = self._refit(model, around, fit)
             if found is not None and found.score < fit.score:
@@ -337,7 +344,8 @@ class Search(Generic[Kind]):
         if fit is not self.best or fit.model in self.renewed:
             return None
         self.renewed.add(fit.model)
-        return self._replaced(fit, around) or self._turned(fit) or self._uncovered(fit, around)
+        turned = self._replaced(fit, around) or self._turned(fit, around)
+        return turned or self._uncovered(fit, around)
 
     def _replaced(self, fit: Fit, around: Linearised) -> Fit | None:
         """With one group in the place of several that stand for it.
@@ -363,7 +371,7 @@ class Search(Generic[Kind]):
                     return better
         return None
 
-    def _turned(self, fit: Fit) -> Fit | None:
+    def _turned(self, fit: Fit, around: Linearised) -> Fit | None:
         """The best model, if it does better from another side of what is periodic.
 
         What a group does from one side others may do beside what it does from the opposite one,
@@ -372,9 +380,10 @@ class Search(Generic[Kind]):
         """
         for name, at in self.layout.turning(fit.model):
             whole = self.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
+            hope = self.hoped(fit, whole, around)
             for start in list(self.layout.sides(fit.x, at))[1:]:
                 # what it does from there, be it no better than from where it was fitted before
-                found = replace(self, fits={}).fit(whole, start)
+                found = replace(self, fits={}).fit(whole, start, hope=hope)
                 if found is not None and found.here.square <= fit.here.square:
                     better = self._rid(found)
                     if better.score < fit.score:
@@ -421,3 +430,20 @@ class Search(Generic[Kind]):
         layout = self.layout
         found = Forecast.of(around, layout, layout.columns(model), self.problem.inflation)
         return lambda other: found.score(layout.columns(other)) + layout.believed(other)
+
+
+def _of_each_specimen(model: Model, options: Iterable[tuple[float, Model]]) -> Model | None:
+    """A model with the best change of each specimen's groups, of some with their forecast scores.
+
+    None where one specimen alone has any. Specimens are told by data of their own: but for what
+    they share, gains of their changes add up.
+    """
+    best = dict[int | None, Model]()
+    for _, other in sorted(options, key=lambda o: o[0]):
+        change = model ^ other
+        owners = {name.specimen for name, _ in change}
+        if len(owners) == 1:
+            best.setdefault(owners.pop(), change)
+    if len(best) < 2:
+        return None
+    return model ^ frozenset(chain.from_iterable(best.values()))
