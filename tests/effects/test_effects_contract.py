@@ -46,7 +46,9 @@ DESIGNED: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "fixture_motion": (
         "camera",
-        {f"rotation_{a}": "degree/bar" for a in "xyz"} | {f"shift_{a}": "mm/bar" for a in "xyz"},
+        {f"rotation_{a}": "degree/bar" for a in "xyz"}
+        | {f"shift_{a}": "mm/bar" for a in "xyz"}
+        | {"shape": "1/bar"},
     ),
     "frame_misalignment": ("camera", {f"rotation_{a}": "degree" for a in "xyz"}),
     "reference_state": ("camera", {"flattening": "bar", "*": "mm"}),

@@ -109,6 +109,15 @@ def test_the_fixture_moves_with_the_true_pressure(specimen: VirtualTest) -> None
     )
 
 
+def test_a_fixture_whose_screws_stiffen_moves_less_and_less(specimen: VirtualTest) -> None:
+    moved = _change(specimen, fixture_motion__shift_x=0.1, fixture_motion__shape=0.5)
+    bar = 10.0 * specimen.recorded
+    expected = 0.1 * (1.0 - np.exp(-0.5 * bar)) / 0.5
+    np.testing.assert_allclose(
+        moved[..., 0], np.broadcast_to(expected[:, None], moved.shape[:2]), atol=1e-12
+    )
+
+
 def test_reference_state_is_taken_off(specimen: VirtualTest) -> None:
     x = reference_of(specimen)[:, 0] / 100.0
     found = _change(specimen, reference_state__z10=0.5)

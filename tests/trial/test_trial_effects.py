@@ -155,6 +155,13 @@ def test_fixture_motion_grows_with_pressure(setting, plain):
     np.testing.assert_allclose((moved - plain)[..., 2], expected, atol=1e-9)
 
 
+def test_fixture_motion_grows_less_and_less(setting, plain):
+    moved = seen(setting, fixture_motion__shift_z=0.1, fixture_motion__shape=0.4)
+    rise = 0.1 * (1.0 - np.exp(-0.4 * 10.0 * setting.pressure)) / 0.4
+    expected = rise[:, None] * np.ones(plain.shape[1])
+    np.testing.assert_allclose((moved - plain)[..., 2], expected, atol=1e-9)
+
+
 def test_reference_state_is_taken_off(setting, plain):
     fabric = Draw(("reference_state",), {}, (Wave(2, 0.5, 0.01, 0.0, 0.3),), MODULI)
     height, moved = noise_free(fabric, setting, 8)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect, Own, several
-from bulgefit.effects.places import Scene
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.places import Scene, concave
 
 __all__ = ["EFFECT"]
 
@@ -19,11 +20,14 @@ _SHIFTS = ("shift_x", "shift_y", "shift_z")
 
 
 class FixtureMotion(Effect):
-    """u_seen = R(X + u) + shift - X, turn and shift in proportion to the true pressure."""
+    """u_seen = R(X + u) + shift - X, turn and shift by (1 - exp(-shape p))/shape, p in bar.
+
+    In proportion to the true pressure where screws give evenly (shape 0), else concave.
+    """
 
     id = "fixture_motion"
     place = "camera"
-    meaning = "the clamp tilts and shifts in proportion to the true pressure"
+    meaning = "the clamp tilts and shifts as the true pressure rises"
     remedy = "put marks on the clamp and have the DIC system take their motion off"
     parameters = (
         *several(
@@ -42,13 +46,23 @@ class FixtureMotion(Effect):
             reason="and shifts by tenths of a millimetre",
             step=1e-4,
         ),
+        Parameter(
+            "shape",
+            "1/bar",
+            0.0,
+            5.0,
+            prior=0.5,
+            reason="screws stiffen by the order of their own load",
+            step=1e-5,
+        ),
     )
+    forms = ((*_TURNS, *_SHIFTS), (*_TURNS, *_SHIFTS, "shape"))
 
     def motion(self, own: Own, scene: Scene) -> tuple[Floats, Floats]:
         """See the class."""
-        bar = scene.pressure / _BAR
+        far = concave(scene.pressure / _BAR, own["shape"])
         turn, shift = (np.array([own[n] for n in names]) for names in (_TURNS, _SHIFTS))
-        return np.outer(bar, turn), np.outer(bar, shift)
+        return np.outer(far, turn), np.outer(far, shift)
 
 
 EFFECT = FixtureMotion()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.clamp import LEAST_COMPLIANCE
 
-__all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene"]
+__all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene", "concave"]
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +30,14 @@ LEAST_SLIP = 2.0 * LEAST_COMPLIANCE
 
 #: Knee strain of a fabric whose slope does not change there: any value is a null.
 KNEE = 0.01
+
+
+def concave(bar: Floats, shape: float) -> Floats:
+    """How far (n,) what pressure moves has gone that goes by 1 a bar at first.
+
+    (1 - exp(-shape p))/shape, shape in 1/bar: its screws stiffen.
+    """
+    return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +136,8 @@ class Clamping:
         return np.asarray(np.log10(1.0 + np.maximum(passed, 0.0) / max(step, _INSTANT)))
 
     def opened(self, shape: float) -> Floats:
-        """How far (frames,) bar an edge rises that goes up by 1 a bar at first.
-
-        (1 - exp(-shape p))/shape, shape in 1/bar: it is concave, since screws stiffen.
-        """
-        bar = np.maximum(self.pressure, 0.0) / _BAR
-        return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
+        """How far (frames,) an edge has risen that goes up by 1 a bar at first (`concave`)."""
+        return concave(np.maximum(self.pressure, 0.0) / _BAR, shape)
 
     def giving(self, by: Floats) -> Floats:
         """`eased` and further (frames,) mm per N/mm."""

@@ -100,6 +100,8 @@ def _framed(drawn: Draw, recorded: Floats, start: Floats, seen: Floats) -> Float
         for part in ("rotation", "shift")
     )
     bar = 10.0 * true_load(drawn, recorded)[:, None]
+    if (stiffer := drawn.get("fixture_motion.shape")) > 0.0:
+        bar = (1.0 - np.exp(-stiffer * bar)) / stiffer
     rotation = Rotation.from_rotvec(turn + bar * turn_bar, degrees=True).as_matrix()
     moved = np.einsum("fij,fnj->fni", rotation, start + seen)
     return moved + (shift + bar * shift_bar)[:, None, :] - start

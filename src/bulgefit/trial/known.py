@@ -43,6 +43,12 @@ def _rim_lift(rng: Generator) -> dict[str, float]:
     }
 
 
+def _fixture_motion(rng: Generator) -> dict[str, float]:
+    # half of them less and less, as a rim that lifts
+    drawn = motion(rng, 0.3, 0.3, 6.0)
+    return {**drawn, "shape": 1.0 / size(rng, 1.5, 6.0)} if rng.random() < 0.5 else drawn
+
+
 def _poisson_ratio(rng: Generator) -> dict[str, float]:
     low, high = ((0.1, 0.17), (0.31, 0.4))[int(rng.integers(2))]
     return {"nu12": float(rng.uniform(low, high))}
@@ -62,7 +68,7 @@ KNOWN: dict[str, Sizes] = {
     "pressure_offset": lambda rng: {"offset": either(rng, 0.01, 0.05)},
     "pressure_gain": lambda rng: {"gain": either(rng, 0.01, 0.04)},
     "rigid_motion": lambda rng: motion(rng, 0.5, 1.0, 10.0),
-    "fixture_motion": lambda rng: motion(rng, 0.3, 0.3, 6.0),
+    "fixture_motion": _fixture_motion,
     "reference_state": lambda rng: {},  # its waves are drawn apart
     "registration": lambda rng: plane(rng, ("x0", "y0"), 0.5, 3.0),
     "dic_scale": lambda rng: {"scale": either(rng, 0.003, 0.015)},
