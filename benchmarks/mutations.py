@@ -226,7 +226,7 @@ MUTANTS = (
         EVIDENCE,
     ),
     Mutant("gap/evidence/laplace.py", "- 2.0 * inside", "+ 2.0 * inside", EVIDENCE),
-    Mutant("gap/evidence/search.py", "+ _REACH - volume", "- _REACH - volume", EVIDENCE),
+    Mutant("gap/evidence/search.py", "+ REACH - volume", "- REACH - volume", EVIDENCE),
     Mutant("gap/evidence/laplace.py", "held & (pull > 0.0)", "held & (pull < 0.0)", EVIDENCE),
     Mutant("gap/evidence/orthant.py", "0.5 * push**2 / rest", "push**2 / rest", EVIDENCE),
     Mutant("gap/evidence/orthant.py", "(1.0 - 6.0 / z**2)", "(1.0 + 6.0 / z**2)", EVIDENCE),
@@ -374,8 +374,8 @@ MUTANTS = (
         "fem/test_quarter.py",
     ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
-    Mutant("gap/evidence/search.py", " or self._uncovered(fit, around)", "", EVIDENCE),
-    Mutant("gap/evidence/search.py", "replace(self, fits={}).fit", "self.fit", EVIDENCE),
+    Mutant("gap/evidence/improve.py", " or _uncovered(search, fit, around)", "", EVIDENCE),
+    Mutant("gap/evidence/improve.py", "replace(search, fits={}).fit", "search.fit", EVIDENCE),
     Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),
     Mutant("gap/evidence/closely.py", "turning or not foreseen", "turning", EVIDENCE),
     Mutant("gap/evidence/descend.py", "share = promised / last", "share = 1.0", EVIDENCE),
@@ -385,7 +385,7 @@ MUTANTS = (
         "hopeless, seen = 0, 1",
         EVIDENCE,
     ),
-    Mutant("gap/evidence/search.py", "others if len(others)", "[] if len(others)", EVIDENCE),
+    Mutant("gap/evidence/shares.py", "others if len(others)", "[] if len(others)", EVIDENCE),
     Mutant("fem/membrane.py", "end, named[:, -1])", "named[:, -1], named[:, -1])", LAWS),
     Mutant("fem/equilibrium.py", "search.rate = np.inf", "search.rate = 0.0", "fem/test_path.py"),
     Mutant(
@@ -411,6 +411,11 @@ MUTANTS = (
         "/ (2.0 * np.sqrt(number))",
         "/ np.sqrt(number)",
         "effects/test_effects_fields.py",
+    ),
+    Mutant("effects/fixture_motion.py", 'own["shape"])', "0.0)", SIGNS),
+    Mutant("gap/evidence/improve.py", "len(owners) == 1", "len(owners) >= 1", EVIDENCE),
+    Mutant(
+        "gap/evidence/improve.py", "best.setdefault(owners.pop()", "best.setdefault(0", EVIDENCE
     ),
 )
 

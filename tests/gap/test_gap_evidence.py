@@ -20,12 +20,14 @@ from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
+from bulgefit.gap.evidence.improve import _of_each_specimen, improved, promise
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.neighbours import smaller
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, Model
 from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.ways import Ways
 
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -568,15 +570,15 @@ def test_all_models_are_found_as_enumeration_ranks_them():
     problem = linear([group(f"g{i}", [1.0]) for i in range(8)], rows, measured)
     search = searched(problem)
     best = explore(search, np.zeros(8))
-    scores = {}
+    of_each = {}
     for mask in range(256):
         columns = np.array([i for i in range(8) if mask >> i & 1], dtype=np.intp)
         model = freeze({f"g{i}": 0 for i in columns})
         before = search.layout.believed(model)
-        scores[model] = marginal(problem, rows, columns, measured) + before
-    assert best.model == min(scores, key=lambda m: scores[m])
-    exact = weighed(scores, search.names)
-    found = weighed(search.scores(1.0), search.names)
+        of_each[model] = marginal(problem, rows, columns, measured) + before
+    assert best.model == min(of_each, key=lambda m: of_each[m])
+    exact = weighed(of_each, search.names)
+    found = weighed(scores(search, 1.0), search.names)
     for name in search.names:
         assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
 
@@ -633,7 +635,7 @@ def test_of_many_groups_that_are_not_there_none_is_likely_by_chance():
     worths = [float((rows[:, i] @ measured) ** 2 / 101.0 - np.log(101.0)) for i in range(40)]
     # by themselves likelier there than not
     assert sum(worth > 0.0 for worth in worths[2:]) > 0
-    found = weighed(search.scores(1.0), search.names).groups
+    found = weighed(scores(search, 1.0), search.names).groups
     for i, exact in enumerate(of_all(search.layout, worths)):
         assert found[owned(f"g{i}")] == pytest.approx(exact, abs=0.05)
 
@@ -648,13 +650,13 @@ def test_a_group_that_another_may_stand_for_is_not_sure():
     search = searched(problem)
     best = explore(search, np.zeros(3))
     search = replace(search, fits={best.model: best})  # no other one happened to be fitted
-    scores = {}
+    of_each = {}
     for mask in range(8):
         columns = np.array([i for i in range(3) if mask >> i & 1], dtype=np.intp)
         model = freeze({"abc"[i]: 0 for i in columns})
-        scores[model] = marginal(problem, rows, columns, measured) + search.layout.believed(model)
-    exact = weighed(scores, search.names)
-    found = weighed(search.scores(1.0), search.names)
+        of_each[model] = marginal(problem, rows, columns, measured) + search.layout.believed(model)
+    exact = weighed(of_each, search.names)
+    found = weighed(scores(search, 1.0), search.names)
     for name in search.names:
         assert found.groups[name] == pytest.approx(exact.groups[name], abs=0.01)
     assert found.groups[owned("a")] < 0.95
@@ -672,7 +674,7 @@ def test_groups_that_hardly_count_are_not_sure_for_being_many():
     problem = linear([group(f"g{i}", [1.0]) for i in range(30)], rows, measured)
     search = searched(problem)
     assert len(explore(search, np.zeros(30)).model) == 30
-    found = weighed(search.scores(50.0), search.names)
+    found = weighed(scores(search, 50.0), search.names)
     worths = [((rows[:, i] @ measured) ** 2 / 101.0 - np.log(101.0)) / 50.0 for i in range(30)]
     for i, exact in enumerate(of_all(search.layout, worths)):
         assert 0.6 < exact < 0.95
@@ -694,7 +696,7 @@ def test_elimination_alone_is_trapped_where_growth_is_not():
     search = searched(problem)
     whole = search.fit(search.layout.whole(), np.zeros(6))
     assert whole is not None
-    stuck = search.improved(whole)
+    stuck = improved(search, whole)
     assert dict(stuck.model).keys() == {owned(f"n{i}") for i in range(5)}
     best = explore(searched(problem), np.zeros(6))
     assert best.model == freeze({"wide": 0})
@@ -760,7 +762,7 @@ def test_a_wrong_group_is_swapped_for_the_right_one():
     search = searched(problem)
     wrong = search.fit(freeze({"wrong": 0}), np.zeros(2))
     assert wrong is not None
-    assert search.improved(wrong).model == freeze({"right": 0})
+    assert improved(search, wrong).model == freeze({"right": 0})
 
 
 @pytest.mark.parametrize("more", [0.0, 3.0])
@@ -780,9 +782,17 @@ def test_specimens_are_changed_at_once(more):
     false = {"b@1": 0, "b@2": 0} if more else {}
     begun = search.fit(freeze(false), np.full(8, more))
     search.say = tried.append
-    assert search.improved(begun).model == freeze({"a@0": 0, "b@0": 0, "a@1": 0, "cloth": 0})
+    assert improved(search, begun).model == freeze({"a@0": 0, "b@0": 0, "a@1": 0, "cloth": 0})
     grown = ["a@1 + b@0 + cloth", "a@0 + a@1 + b@0 + cloth"]
     assert tried == (["the moduli alone"] * bool(false)) + grown
+
+
+def test_a_swap_between_specimens_is_the_change_of_neither():
+    model, swap = freeze({"a@0": 0}), freeze({"b@1": 0})
+    drop, growth = freeze({}), freeze({"a@0": 0, "c@2": 0})
+    both = _of_each_specimen(model, [(1.0, swap), (3.0, growth), (2.0, drop)])
+    assert both == freeze({"c@2": 0})
+    assert _of_each_specimen(model, [(1.0, swap), (2.0, drop)]) is None
 
 
 def test_forms_shrink_to_what_the_data_need():
@@ -836,7 +846,7 @@ def test_elimination_waits_where_everything_together_leaves_more():
     found = ways.with_fields()
     assert found is search.best
     assert found.x[3] == pytest.approx(9.0, abs=0.1)
-    assert search.improved(found).model == freeze({"g0": 0, "g3": 0})
+    assert improved(search, found).model == freeze({"g0": 0, "g3": 0})
 
 
 def test_fields_are_freed_anew_where_their_first_way_was_a_trap():
@@ -874,7 +884,7 @@ def test_what_is_needed_on_a_slope_alone_is_let_go():
     search = searched(problem)
     whole = search.layout.whole()
     search.fits[whole] = descend(problem, search.layout, whole, np.zeros(2), steps=1)
-    assert search.improved(search.best).model == whole
+    assert improved(search, search.best).model == whole
     closely(search)
     assert search.best.converged
     assert search.best.model == freeze({})
@@ -930,7 +940,7 @@ def test_a_temper_takes_roots_of_the_evidence_but_not_of_what_was_believed_befor
     search = searched(problem)
     explore(search, np.zeros(2))
     for temper in (1.0, 2.0):
-        found = weighed(search.scores(temper), search.names).groups
+        found = weighed(scores(search, temper), search.names).groups
         worths = [(v**2 * 4.0 / 5.0 - np.log(5.0)) / temper for v in (3.0, 1.0)]
         assert list(found.values()) == pytest.approx(of_all(search.layout, worths), abs=1e-9)
 
@@ -986,7 +996,7 @@ def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():
     trap = np.array([0.75, 2.9 - np.pi, 0.0, 0.75 * np.cos(2.9), 0.75 * np.sin(2.9)])
     fit = search.fit(freeze({"lift": 0, "tilt": 0}), trap)
     assert np.cos(fit.x[1] - 2.9) < -0.99
-    best = search.improved(fit)
+    best = improved(search, fit)
     assert best.model == freeze({"lift": 1})
     assert best.x[:3] == pytest.approx([0.8, 2.9, 0.03], abs=0.02)
 
@@ -1035,7 +1045,7 @@ def test_what_two_groups_stand_for_is_found_where_one_of_them_is_gone():
     groups = [replace(group(str(name), [1.0]), id=name) for name in (one, other, true)]
     search = searched(Known(groups, both, curve))
     stands = search.fit(freeze({one: 0, other: 0}), np.ones(3))
-    assert search.improved(stands) is stands
+    assert improved(search, stands) is stands
     closely(search, instead=())
     assert search.best.model == stands.model
     closely(search)
@@ -1115,11 +1125,11 @@ def test_what_ends_on_the_edge_of_stability_is_kept():
     groups = [replace(group(str(n), [1.0]), id=n) for n in (a, b, c, d)]
     search = searched(Edge(groups, measured, lambda x: (rows @ x, rows)))
     fit = search.fit(freeze({a: 0, d: 0}), np.zeros(4))
-    assert search.improved(fit) is fit
-    assert search.promise(fit) == fit.score
+    assert improved(search, fit) is fit
+    assert promise(search, fit) == fit.score
     closely(search)
     assert search.best.model == fit.model
-    known = search.scores(1.0)
+    known = scores(search, 1.0)
     assert known.keys() == search.fits.keys()
     assert known[fit.model] == pytest.approx(search.best.score, rel=1e-12)
 
@@ -1202,7 +1212,7 @@ def test_what_another_hides_but_for_its_square_is_found_where_a_third_stands_for
     assert x[2] == pytest.approx(-fit.x[0], rel=1e-2)
     moved = sagged(fit.x)[1] @ (x - fit.x)
     assert np.abs(moved).max() < 0.01 * np.abs(40.0 * x[2])
-    best = search.improved(fit)
+    best = improved(search, fit)
     assert best.model == freeze({shift: 0, sags: 0})
     assert best.x[2] == pytest.approx(sag, abs=0.1)
 
@@ -1221,6 +1231,6 @@ def test_a_form_gives_way_to_either_of_its_parts():
     for form in (0, 2):
         search = Search(problem, layout, (owned("a"),))
         begun = search.fit(freeze({"a": form}), layout.null)
-        assert search.improved(begun).model == freeze({"a": 1})
+        assert improved(search, begun).model == freeze({"a": 1})
         drops = {dict(m).get(owned("a")) for m in smaller(search.layout, freeze({"a": 2}))}
         assert drops == {None, 0, 1}

@@ -14,10 +14,12 @@ from bulgefit.gap.attempt import Attempt
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.descend import descend
+from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.weighing import Weighing
 
 INFLATION, COURSES = 1.7, 18
@@ -199,8 +201,8 @@ def test_beside_a_misfit_only_true_causes_are_sure(made_by_the_model, seed):
     trial.search.fits[rough.model] = rough
 
     def sure(search: Search[Weighing]) -> set[str]:
-        search.improved(search.best)
-        chances = weighed(search.scores(1.0), search.names).groups
+        improved(search, search.best)
+        chances = weighed(scores(search, 1.0), search.names).groups
         return {str(group) for group, p in chances.items() if p >= 0.95}
 
     settled = trial.settled()

@@ -14,6 +14,7 @@ from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.evidence.creases import Creases, likeliest_offsets, on_points
 from bulgefit.gap.evidence.descend import Fit
+from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.outcome import Seen, seen_by
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import GROWN, Search
@@ -130,7 +131,7 @@ class Attempt:
         """
         if len(self.search.best.model) > 2:
             self.ways.from_below()
-        self.search.improved(self.search.best)
+        improved(self.search, self.search.best)
         self.ways.from_fields()
         closely(self.search, self.ways.named)
         return self
@@ -158,7 +159,7 @@ class Attempt:
             found = search.fit(best.model, best.x, best.here.near)
             self.search.fits[best.model] = best.lighter(search.problem)
             best = found or best
-        search.improved(best)
+        improved(search, best)
         closely(search, self.ways.named)
         return self._by(search)
 
@@ -172,7 +173,7 @@ class Attempt:
         told = sized.search.best
         while True:
             search = sized._beside(told)
-            best = search.improved(search.best)
+            best = improved(search, search.best)
             if (smaller := search.layout.common(told.model, best.model)) == told.model:
                 break
             if (less := sized.search.fit(smaller, best.x, best.here.near)) is None:

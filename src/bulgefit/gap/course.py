@@ -17,6 +17,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.creases import on_points
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.improve import promise
 from bulgefit.gap.evidence.outcome import seen_by
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import Search
@@ -213,7 +214,7 @@ def _begun(plain: Attempt, pace: Pace, *, thorough: bool) -> tuple[Attempt, floa
     if (
         whole is not None
         and whole is not best
-        and plain.search.promise(whole) < found.search.promise(best)
+        and promise(plain.search, whole) < promise(found.search, best)
     ):
         found = replace(plain, search=replace(plain.search, fits={whole.model: whole}))
     return found, plain.score - found.score, False

@@ -23,6 +23,7 @@ from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
@@ -95,7 +96,7 @@ def explain(
     tempered = temper(whole, final.predictions, taken_up(bare, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
     left = tempered if search.problem.misfits is None else 1.0
-    chances = weighed(search.scores(left), search.names)
+    chances = weighed(scores(search, left), search.names)
     known = _known(search)
     search.looked.clear()  # it is memory that workers need
     give_back()

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.neighbours import larger, smaller
 from bulgefit.gap.evidence.problem import Model, Problem
@@ -40,7 +41,7 @@ def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> N
         found = kept(partial(descend, problem, layout, best.model, best.x, best.here.near))
         search.fits[best.model] = found
         if search.best is found:
-            close.improved(found)
+            improved(close, found)
         if search.best is found:
             own = {*(search.names if instead is None else instead), *dict(best.model)}
             names = tuple(n for n in search.names if n in own)

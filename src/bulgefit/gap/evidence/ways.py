@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.descend import Fit
+from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.problem import Problem, freeze
 from bulgefit.gap.evidence.search import GROWN, Search
 
@@ -74,7 +75,7 @@ class Ways(Generic[Kind]):
             whole, self.start, self.near, roughly=True, hope=named.noise, doubted=self.doubted
         )
         if found is not None and hopeful():
-            named.improved(found)
+            improved(named, found)
 
     def from_below(self, *, to_noise: bool = False) -> None:
         """Groups, but no fields, are added to the smallest model, fewer than the best one has.
@@ -96,7 +97,7 @@ class Ways(Generic[Kind]):
         rough = named if fewer is None else replace(named, roughly=True, share=GROWN)
         small = rough.fit(freeze({}), self.start, self.near)
         if small is not None:
-            rough.improved(small, fewer, to_noise=to_noise)
+            improved(rough, small, fewer, to_noise=to_noise)
         elif not named.fits:
             # the same solve once more: its error says where and why nothing balances
             none = named.layout.columns(freeze({}))
@@ -115,7 +116,7 @@ class Ways(Generic[Kind]):
             if name in self.fields and len(best.model) > 1:
                 alone = rough.fit(freeze({name: form}), origin)
                 if alone is not None:
-                    rough.improved(alone, len(best.model) - 1)
+                    improved(rough, alone, len(best.model) - 1)
 
     def with_fields(self, *, thorough: bool = False) -> Fit | None:
         """Everything is freed from the origin; if that is a trap, with the fields freed last.
@@ -146,5 +147,5 @@ class Ways(Generic[Kind]):
         self.by_elimination()
         self.from_below()
         if self.fields and (found := self.with_fields(thorough=True)) is not None:
-            self.search.improved(found)
-        self.search.improved(self.search.best)
+            improved(self.search, found)
+        improved(self.search, self.search.best)
