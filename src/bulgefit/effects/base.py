@@ -18,7 +18,7 @@ from bulgefit.effects.further import Told
 from bulgefit.effects.parameter import Parameter, ends_about
 from bulgefit.effects.places import Clamping, Cloth, Load, Scene
 
-__all__ = ["PLACES", "Effect", "several", "stages"]
+__all__ = ["PLACES", "Effect", "several", "stages", "stiffening"]
 
 Floats = NDArray[np.float64]
 Own = Mapping[str, float]
@@ -198,4 +198,18 @@ def several(
     """Parameters that are alike, plausible from -size to size."""
     return tuple(
         Parameter(name, unit, -size, size, prior=prior, reason=reason, step=step) for name in names
+    )
+
+
+def stiffening(governor: str | None = None) -> Parameter:
+    """The `shape` (1/bar) by which what pressure moves on screws goes less and less (`concave`)."""
+    return Parameter(
+        "shape",
+        "1/bar",
+        0.0,
+        5.0,
+        prior=0.5,
+        reason="screws stiffen by the order of their own load",
+        step=1e-5,
+        governor=governor,
     )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.base import Effect, Own, several
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.base import Effect, Own, several, stiffening
 from bulgefit.effects.places import Scene, concave
 
 __all__ = ["EFFECT"]
@@ -46,15 +45,7 @@ class FixtureMotion(Effect):
             reason="and shifts by tenths of a millimetre",
             step=1e-4,
         ),
-        Parameter(
-            "shape",
-            "1/bar",
-            0.0,
-            5.0,
-            prior=0.5,
-            reason="screws stiffen by the order of their own load",
-            step=1e-5,
-        ),
+        stiffening(),
     )
     forms = ((*_TURNS, *_SHIFTS), (*_TURNS, *_SHIFTS, "shape"))
 

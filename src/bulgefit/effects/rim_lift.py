@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bulgefit.effects.base import Effect, Own
+from bulgefit.effects.base import Effect, Own, stiffening
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Clamping
 
@@ -46,16 +46,7 @@ class RimLift(Effect):
             governor="amplitude",
             period=360.0,
         ),
-        Parameter(
-            "shape",
-            "1/bar",
-            0.0,
-            5.0,
-            prior=0.5,
-            reason="screws stiffen by the order of their own load",
-            step=1e-5,
-            governor="amplitude",
-        ),
+        stiffening("amplitude"),
     )
     forms = (("amplitude", "direction"), ("amplitude", "direction", "shape"))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.base import Own
+from bulgefit.effects.base import Own, stiffening
 from bulgefit.effects.fields.base import Field, Sampled
 from bulgefit.effects.parameter import Parameter
 from bulgefit.effects.places import Clamping
@@ -51,15 +51,7 @@ class LiftField(Field):
     unit = "mm"
     parameters = (
         *map(_mode, _NAMES),
-        Parameter(
-            "shape",
-            "1/bar",
-            0.0,
-            5.0,
-            prior=0.5,
-            reason="screws stiffen by the order of their own load",
-            step=1e-5,
-        ),
+        stiffening(),
     )
     forms = (_NAMES, (*_NAMES, "shape"))
 
