@@ -303,11 +303,14 @@ def test_titles_of_modes_stay_in_their_panels(pair):
 
 
 def test_a_part_without_which_nothing_balanced_is_no_offset_of_every_point():
-    rows = [("reference_field", []), ("clamp_shape", []), ("creep", ["rate"])]
+    rows = [("reference_field", []), ("creep", ["rate"]), ("clamp_shape", [])]
+    rows += [("clamp_slip", ["radius_error", "compliance"]), ("depth_scale", ["scale_z"])]
     budget = [{"effect": e, "specimen": None, "parameters": p} for e, p in rows]
     assert budget_labels({"report": {"budget": [{}, *budget]}}) == [
         "moduli alone",
         "reference_field (an offset of every point)",
-        "clamp_shape (counted with the next one)",
         "creep (rate)",
+        "clamp_shape (counted with the next one)",
+        "clamp_slip (with those above, 2 parameters)",
+        "depth_scale (scale_z)",
     ]

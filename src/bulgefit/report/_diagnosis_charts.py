@@ -115,8 +115,8 @@ def _draw_budget(
         panel.plot([level, level], [row + 0.31, row + 0.69], color="0.5", linewidth=0.8)
     panel.axvline(floor, color="0.4", linewidth=1.0, linestyle=":")
     panel.set_yticks(range(len(bars)), [name for name, *_ in bars])
-    if not panel.yaxis_inverted():
-        panel.invert_yaxis()
+    # from the top down, without the margins of a twentieth, which many bars make wide
+    panel.set_ylim(len(bars) - 0.4, -0.6)
     panel.set_xlim(0.0, 1.2 * reach)
     panel.set_xlabel("e_w (mm); dotted: noise floor", fontsize=_figure.FONT)
     panel.tick_params(labelsize=_figure.FONT)

@@ -43,10 +43,14 @@ def owned(record: Record, group: str) -> str:
 
 def budget_labels(record: Record) -> list[str]:
     """Rows of the budget: each effect by its form, since several forms are several models."""
-    labels = ["moduli alone"]
+    labels, waiting = ["moduli alone"], False
     for row in record["report"]["budget"][1:]:
         owner = "" if row["specimen"] is None else f" of {names_of(record)[row['specimen']]}"
-        labels.append(f"{row['effect']}{owner} ({_form(row['effect'], row['parameters'])})")
+        form = _form(row["effect"], row["parameters"])
+        if waiting and row["parameters"]:
+            form = f"with those above, {len(row['parameters'])} parameters"
+        waiting = not row["parameters"] and row["effect"] != CREASES
+        labels.append(f"{row['effect']}{owner} ({form})")
     return labels
 
 
