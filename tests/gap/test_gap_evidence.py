@@ -81,6 +81,10 @@ class Known:
             np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
 
+    def along(self, x: np.ndarray, column: int, near: Any = None) -> tuple[float, float]:
+        here = self.linearise(x, np.array([column]))
+        return float(here.gradient[0]), float(here.hessian[0, 0])
+
     def lighter(self, near: Any) -> Any:
         return near
 
@@ -987,6 +991,29 @@ def test_what_comes_from_one_side_is_seen_from_any(side):
     Ways(search, np.zeros(5)).from_below()
     assert set(dict(search.best.model)) == {owned("lift")}
     assert np.cos(search.best.x[1] - side) > 0.999
+
+
+@pytest.mark.parametrize("roughly", [False, True])
+def test_no_descent_ends_at_no_lift_where_another_side_leads_down(roughly):
+    """From the wrong side it falls to no lift at all, where all sides are one."""
+    problem = lifts([0.8, 2.9, 0.0, 0.0, 0.0])
+    layout, model = Layout.of(problem.groups), freeze({"lift": 0})
+    wrong = np.array([0.5, 2.9 - np.pi, 0.0, 0.0, 0.0])
+    fit = descend(problem, layout, model, wrong, roughly=roughly)
+    assert fit.converged
+    assert fit.x[0] == pytest.approx(0.8, abs=0.02)
+    assert np.cos(fit.x[1] - 2.9) > 0.999
+    assert fit.steps <= problem.solves
+
+
+def test_where_nothing_lifts_a_descent_ends_at_no_lift():
+    """What noise takes off from one side or another is no reason to go on for long."""
+    problem = lifts([0.0, 0.0, 0.0, 0.0, 0.0])
+    layout, model = Layout.of(problem.groups), freeze({"lift": 0})
+    fit = descend(problem, layout, model, np.array([0.5, 1.0, 0.0, 0.0, 0.0]), roughly=True)
+    assert fit.converged
+    assert fit.x[0] < 0.02
+    assert fit.steps < 10
 
 
 def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():

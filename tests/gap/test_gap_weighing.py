@@ -100,6 +100,23 @@ def test_gradients_are_those_of_the_misfit(data: Data) -> None:
         assert -0.5 * change / (2 * step) == pytest.approx(here.gradient[place], rel=5e-3), column
 
 
+def test_along_one_coordinate_specimens_that_lack_it_are_not_looked_at(data: Data) -> None:
+    weighing, layout = weighing_of([data, data])
+    x = near_the_truth(weighing, layout)
+    of_first = layout.part(Owned("clamp_slip", 0)).start
+    own = np.array([0, of_first])
+    here = weighing.linearise(x, own, weighing.linearise(x, own).near)
+    for place, column in enumerate(own):
+        slope, curvature = weighing.along(x, column, here.near)
+        assert slope == pytest.approx(here.gradient[place], rel=1e-9)
+        assert curvature == pytest.approx(here.hessian[place, place], rel=1e-9)
+    unsound = np.array(x)
+    unsound[layout.part(Owned("clamp_slip", 1)).start] = np.nan
+    assert np.isfinite(weighing.along(unsound, of_first, here.near)).all()
+    with pytest.raises(SolveError, match="no such values"):
+        weighing.along(unsound, 0, here.near)
+
+
 def test_threads_change_no_bit(data: Data) -> None:
     """Of the misfit, of its derivatives, and of what they make together."""
     weighing, layout = weighing_of([data])
@@ -376,6 +393,23 @@ def test_cloth_that_lies_loosely_is_found_from_rest_where_a_neighbour_does_not_l
         specimen.shapes(values, near=near)
     found = _balanced(specimen, values, (), near)
     np.testing.assert_array_equal(found.displacement, specimen.shapes(values).displacement)
+
+
+def test_a_step_that_its_neighbour_does_not_lead_to_is_too_long(data: Data) -> None:
+    """To begin at, it is found from rest all the same."""
+    coordinates = Coordinates.of([catalogue()["initial_shape"]], [data.specimen.nulls()])
+    layout, weighing = Layout.of(coordinates.groups), Weighing([data], coordinates)
+    columns = layout.columns(layout.whole())
+    x = np.array(layout.null)
+    x[:3] = np.log([TRUTH[name] for name in ("E1", "E2", "G12")])
+    here = weighing.linearise(x, columns)
+    far, names = np.array(x), [c.key.parameter for c in coordinates.every]
+    for name, height in (("h0", 8.0), ("c2", -6.0), ("s4", 3.0)):
+        far[names.index(name)] = height
+    with pytest.raises(SolveError, match="near the last shape"):
+        weighing.again(here, far)
+    from_rest = weighing.linearise(far, columns, here.near)
+    assert from_rest.square == pytest.approx(weighing.linearise(far, columns).square, rel=1e-12)
 
 
 def test_a_reference_image_hides_heights_and_nothing_else() -> None:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
-from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
+from bulgefit.gap.evidence.problem import Columns, Layout, Linearised, Model, Problem
+from bulgefit.gap.evidence.sides import best_side, idle
 
 __all__ = ["Fit", "descend"]
 
@@ -100,7 +101,8 @@ def descend(
 
     It ends where no step promises to matter beside the standard errors. Those are the noise's times
     the root of the misfit's mean square (Birge, 1932, "The calculation of errors by the method of
-    least squares"): what a model lacks keeps its parameters from the truth by as much.
+    least squares"): what a model lacks keeps its parameters from the truth by as much. What is
+    periodic may mean nothing there: it goes on from another side if one leads down (`sides`).
 
     Parameters
     ----------
@@ -136,22 +138,52 @@ def descend(
     x = np.array(layout.null)
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
-    least = max(_SETTLED, np.sqrt(2.0 * len(columns))) if roughly else _SETTLED
+    until = _Until(steps, roughly, share, hope, doubted)
+    found = _descended(problem, layout, model, here, until)
+    while found.converged and (side := _other_side(problem, layout, found, until)) is not None:
+        until = replace(until, steps=steps - found.steps, doubted=False)
+        ahead = _descended(problem, layout, model, side, until)
+        if ahead.score >= found.score:
+            break
+        found = replace(ahead, steps=found.steps + ahead.steps)
+    return found
+
+
+@dataclass(frozen=True)
+class _Until:
+    """When a descent ends: see `descend`."""
+
+    steps: int
+    roughly: bool
+    share: float
+    hope: float | None
+    doubted: bool
+
+    def least(self, columns: Columns) -> float:
+        """Gain by which a step is worth a solve, where the noise is all there is."""
+        rough = float(np.sqrt(2.0 * len(columns))) if self.roughly else 0.0
+        return max(_SETTLED, rough)
+
+
+def _descended(
+    problem: Problem, layout: Layout, model: Model, here: Linearised, until: _Until
+) -> Fit:
+    columns, least = here.columns, until.least(here.columns)
     reach, converged, taken, last = _REACH, False, 1, np.inf
-    hopeless, seen = int(doubted), 1
+    hopeless, seen = int(until.doubted), 1
     noise = problem.count / problem.inflation
-    while taken < steps and reach > _LEAST_REACH:
+    while taken < until.steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
         step, damped = _step(slope, matrix, layout, here, reach)
         promised = float(2.0 * slope @ step - step @ matrix @ step)
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
         unheld = size < _USED * reach
-        if promised < (_misfit(problem, here) * least if unheld or roughly else _SETTLED):
+        if promised < (_misfit(problem, here) * least if unheld or until.roughly else _SETTLED):
             converged = unheld
             break
-        if hope is not None and taken > seen:
+        if until.hope is not None and taken > seen:
             seen = taken
-            hopeless = hopeless + 1 if _ahead(promised, last) < value - hope else 0
+            hopeless = hopeless + 1 if _ahead(promised, last) < value - until.hope else 0
             if hopeless == _HOPELESS:
                 break
         landed = _landed(problem, layout, here, step, damped)
@@ -171,7 +203,7 @@ def descend(
                 converged = True
                 break
             value -= gained
-            if gained < share * (value - noise):
+            if gained < until.share * (value - noise):
                 break
             last = gained
     found = laplace(here, layout, columns, problem.inflation)
@@ -180,6 +212,20 @@ def descend(
     score += layout.believed(model)
     given_up = hopeless == _HOPELESS
     return Fit(model, here.light(), score, found.covariance, converged, taken, given_up)
+
+
+def _other_side(problem: Problem, layout: Layout, found: Fit, until: _Until) -> Linearised | None:
+    """Where a descent goes on that ended in what is periodic and means nothing; None if nowhere."""
+    here = found.here
+    least = _misfit(problem, here) * until.least(here.columns)
+    for at in idle(layout, here.x, found.model):
+        x, taken = best_side(problem, layout, here.x, at, here.near)
+        if taken / problem.inflation > least and not np.array_equal(x, here.x):
+            try:
+                return problem.linearise(x, here.columns, here.near)
+            except SolveError:
+                continue
+    return None
 
 
 def _ahead(promised: float, last: float) -> float:
@@ -205,33 +251,34 @@ def _step(
     slope: Floats, matrix: Floats, layout: Layout, here: Linearised, reach: float
 ) -> tuple[Floats, Floats]:
     """The step to the optimum, or as far as the trust region lets it; the matrix that made it."""
-    columns = here.columns
-    width = layout.width[columns]
-    lower = layout.lower[columns] - here.x[columns]
+    width = layout.width[here.columns]
+    lower = layout.lower[here.columns] - here.x[here.columns]
+    # in units of the widths, where the matrix is better conditioned
+    scaled, own = slope * width, matrix * np.outer(width, width)
 
-    def to(damping: float) -> tuple[Floats, Floats]:
-        damped = matrix + np.diag(damping / width**2)
-        return _optimum(slope, damped, lower, width), damped
+    def to(damping: float) -> tuple[float, Floats]:
+        damped = own + np.diag(np.full(len(own), damping))
+        return damping, bounded_optimum(scaled, damped, lower / width)
 
     def size(step: Floats) -> float:
-        return float(np.abs(step / width).max(initial=0.0))
+        return float(np.abs(step).max(initial=0.0))
 
     found = to(0.0)
-    if size(found[0]) <= reach:
-        return found
-    # damping of |b|/reach is enough; halve its logarithm's range until most of the reach is used
-    low, high = 1e-8, float(np.linalg.norm(slope * width)) / reach
-    found = to(high)
-    for _ in range(_HALVINGS):
-        between = np.sqrt(low * high)
-        ahead = to(between)
-        if size(ahead[0]) > reach:
-            low = between
-            continue
-        high, found = between, ahead
-        if size(found[0]) > _USED * reach:
-            break
-    return found
+    if size(found[1]) > reach:
+        # damping of |b|/reach is enough; halve its logarithm's range until most of it is used
+        low, high = 1e-8, float(np.linalg.norm(scaled)) / reach
+        found = to(high)
+        for _ in range(_HALVINGS):
+            between = np.sqrt(low * high)
+            ahead = to(between)
+            if size(ahead[1]) > reach:
+                low = between
+                continue
+            high, found = between, ahead
+            if size(found[1]) > _USED * reach:
+                break
+    damping, step = found
+    return width * step, matrix + np.diag(damping / width**2)
 
 
 def _optimum(slope: Floats, matrix: Floats, lower: Floats, width: Floats) -> Floats:

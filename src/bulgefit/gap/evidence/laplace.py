@@ -117,12 +117,13 @@ def bounded_optimum(slope: Floats, matrix: Floats, lower: Floats) -> Floats:
         -inf where there is no bound.
     """
     held = np.zeros(len(slope), dtype=bool)
-    step = np.zeros(len(slope))
     for _ in range(3 * int(np.isfinite(lower).sum()) + 1):
         free = ~held
-        step[held] = lower[held]
-        rest = slope[free] - matrix[np.ix_(free, held)] @ step[held]
-        step[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
+        step = np.where(held, lower, 0.0)
+        # equations of what is held say that it stays, so that none need be taken out
+        right, left = np.where(held, lower, slope - matrix @ step), np.array(matrix, order="F")
+        left[held], left[:, held], left[held, held] = 0.0, 0.0, 1.0
+        step = cho_solve(cho_factor(left, lower=True, overwrite_a=True), right)
         below = free & (step < lower)
         if below.any():
             held |= below

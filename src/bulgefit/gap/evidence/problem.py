@@ -182,6 +182,16 @@ class Problem(Protocol):
         """
         ...
 
+    def along(self, x: Floats, column: int, near: Any = None) -> tuple[float, float]:
+        """Jᵀr and JᵀJ near x by one coordinate.
+
+        Raises
+        ------
+        SolveError
+            Nothing balances there.
+        """
+        ...
+
     def lighter(self, near: Any) -> Any:
         """`near` without what only makes a neighbour's solve sooner, where many are kept."""
         ...
@@ -196,7 +206,7 @@ class Problem(Protocol):
         Raises
         ------
         SolveError
-            Nothing balances there.
+            Nothing balances there, or not near `here`.
         """
         ...
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -17,6 +16,7 @@ from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
+from bulgefit.gap.evidence.sides import best_side
 from bulgefit.parallel.journal import kept
 
 __all__ = ["GROWN", "REACH", "Search"]
@@ -139,7 +139,7 @@ class Search(Generic[Kind]):
                 return around
         whole, x = self.layout.whole(self.names), fit.x
         for _, at in self.layout.turning(whole - self._of(fit.model)):
-            x = min(self.layout.sides(x, at), key=partial(self._left, fit, int(at)))
+            x, _ = best_side(self.problem, self.layout, x, at, fit.here.near)
         columns = self.layout.columns(whole)
         if x is fit.x and np.array_equal(columns, fit.here.columns):
             return fit.here
@@ -158,15 +158,6 @@ class Search(Generic[Kind]):
     def _of(self, model: Model) -> Model:
         """The groups of a model in their largest form."""
         return self.layout.whole(dict(model))
-
-    def _left(self, fit: Fit, at: int, x: Floats) -> float:
-        """What a coordinate's governor takes off the misfit from one side, less than nothing."""
-        governor = self.layout.governor[[at]]
-        try:
-            here = self.problem.linearise(x, governor, fit.here.near)
-        except SolveError:
-            return 0.0
-        return -float(np.maximum(here.gradient[0], 0.0) ** 2 / here.hessian[0, 0])
 
     def hoped(self, fit: Fit, model: Model, here: Linearised) -> float:
         """|r|²/v + Σ((x - n)/s)² by which a model has a thousandth of a fit's probability.

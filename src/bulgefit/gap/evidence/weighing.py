@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -145,20 +144,38 @@ class Weighing:
         """See `Problem`; `near` are the shapes of a neighbouring point."""
         size = len(columns) + 1
         gram, shapes, rows = np.zeros((size, size)), list[Shapes](), list[Floats]()
-        for index, d in enumerate(self.data):
+        for index in range(len(self.data)):
             own = self.coordinates.of_specimen(columns, index)
-            found = self.seen(x, own, index, None if near is None else near[index])
-            shapes.append(found.shapes)
+            found, white, own_gram = self._of_one(x, own, index, near)
+            shapes.append(found)
             place = np.append(np.searchsorted(columns, own), size - 1)
-            white = self._whitened(index, self._rows(d, found, x, own))
-            own_gram = _gram(white, d.specimen.threads)
-            if not np.isfinite(own_gram).all():
-                raise _no_shape("the fabric has no derivatives", found.shapes.values)
             gram[np.ix_(place, place)] += own_gram
             rows.append(white)
         return Linearised(
             np.array(x), columns, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1], shapes, rows
         )
+
+    def along(self, x: Floats, column: int, near: Any = None) -> tuple[float, float]:
+        """See `Problem`; of specimens that have the coordinate."""
+        slope, curvature = 0.0, 0.0
+        for index in range(len(self.data)):
+            own = self.coordinates.of_specimen([column], index)
+            if len(own):
+                _, _, gram = self._of_one(x, own, index, near)
+                slope, curvature = slope + gram[0, 1], curvature + gram[0, 0]
+        return float(slope), float(curvature)
+
+    def _of_one(
+        self, x: Floats, columns: Sequence[int], index: int, near: Any
+    ) -> tuple[Shapes, Floats, Floats]:
+        """Shapes of a specimen, its rows (k + 1, values) and their products (k + 1, k + 1)."""
+        d = self.data[index]
+        found = self.seen(x, columns, index, None if near is None else near[index])
+        white = self._whitened(index, self._rows(d, found, x, columns))
+        gram = _gram(white, d.specimen.threads)
+        if not np.isfinite(gram).all():
+            raise _no_shape("the fabric has no derivatives", found.shapes.values)
+        return found.shapes, white, gram
 
     def lighter(self, near: Sequence[Shapes]) -> list[Shapes]:
         """See `Problem`: shapes without derivatives, half a megabyte each."""
@@ -172,13 +189,16 @@ class Weighing:
         ]
 
     def again(self, here: Linearised, x: Floats) -> Linearised:
-        """See `Problem`."""
+        """See `Problem`; what `here` does not lead to is too far.
+
+        A shorter step costs less than the path from rest does, which may end on another branch.
+        """
         square, gradient, shapes = 0.0, np.zeros(len(here.columns)), list[Shapes]()
         for index, (d, near, rows) in enumerate(zip(self.data, here.near, here.rows, strict=True)):
             own = self.coordinates.of_specimen(here.columns, index)
             # with derivatives by the moduli a path is the one that derivatives are then taken of
             moduli = [c for c in own if not self.coordinates.every[c].key.effect]
-            found = self.seen(x, moduli, index, near)
+            found = self.seen(x, moduli, index, near, strictly=True)
             (residual,) = self._whitened(index, self._rows(d, found, x, []))
             gradient[np.searchsorted(here.columns, own)] += rows[:-1] @ residual
             square += float(residual @ residual)
@@ -187,9 +207,18 @@ class Weighing:
         return replace(here, x=np.array(x), square=square, gradient=gradient, near=shapes)
 
     def seen(
-        self, x: Floats, columns: Sequence[int], index: int, near: Shapes | None = None
+        self,
+        x: Floats,
+        columns: Sequence[int],
+        index: int,
+        near: Shapes | None = None,
+        *,
+        strictly: bool = False,
     ) -> Sight:
         """One specimen as the cameras see it, with derivatives by some of its coordinates at hand.
+
+        From the shapes of a neighbouring point, and `strictly` from those: not by the path from
+        rest where they do not lead there.
 
         Raises
         ------
@@ -201,7 +230,7 @@ class Weighing:
         if not np.isfinite([*values.values()]).all():
             raise _no_shape("there are no such values", values)
         try:
-            shapes = _balanced(specimen, values, names, near)
+            shapes = _balanced(specimen, values, names, near, strictly=strictly)
             found = specimen.sight(shapes, names)
         except InputError as error:
             # nobody gave these values: a linear step led to moduli that no fabric can have
@@ -294,17 +323,25 @@ def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
 
 
 def _balanced(
-    specimen: Specimen, values: Mapping[str, float], names: Sequence[str], near: Shapes | None
+    specimen: Specimen,
+    values: Mapping[str, float],
+    names: Sequence[str],
+    near: Shapes | None,
+    *,
+    strictly: bool = False,
 ) -> Shapes:
     """Shapes from a neighbour's; by the path from rest where those lead nowhere, or astray.
 
     Cloth that lies loosely moves far with little, and a long step may land on another branch.
     """
     if near is not None:
-        with suppress(SolveError):
+        try:
             found = specimen.shapes(values, names, near)
-            if not _loses_stability(near, found):
+            if strictly or not _loses_stability(near, found):
                 return found
+        except SolveError:
+            if strictly:
+                raise
     return specimen.shapes(values, names)
 
 
