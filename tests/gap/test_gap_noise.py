@@ -59,6 +59,33 @@ def test_rough_frames_are_left_out_though_points_are_lost(points: np.ndarray, lo
     assert rough_from == pytest.approx(10.0 * test.pressure[6])
 
 
+@pytest.mark.parametrize("sigma", [0.0, 1e-4, 5e-3])
+def test_what_a_surface_leaves_of_a_smooth_field_is_no_band(
+    points: np.ndarray, sigma: float
+) -> None:
+    """It grows as the field does: without noise five times, from the first frame to the last."""
+    x, y = points[:, :2].T / 100.0
+    growth = np.linspace(0.1, 2.5, 12)[:, None] ** (2 / 3)
+    seen = dome(points, 12)
+    seen[..., 0] = growth * np.sin(3.0 * np.pi * x) * (1 - y * y)
+    seen += sigma * np.random.default_rng(6).normal(size=seen.shape)
+    frames, rough_from = _usable_frames(bulge_test(points, seen))
+    assert rough_from is None
+    np.testing.assert_array_equal(frames, np.arange(12))
+
+
+def test_bands_that_grow_by_and_by_are_seen_where_they_have_outgrown_the_field(
+    points: np.ndarray,
+) -> None:
+    rng = np.random.default_rng(8)
+    seen = dome(points, 14) + SIGMA * rng.normal(size=(14, len(points), 3))
+    grown = SIGMA.max() * 1.6 ** np.arange(6.0)
+    seen[8:, :, :2] += grown[:, None, None] * rng.normal(size=(len(points), 2))
+    frames, rough_from = _usable_frames(bulge_test(points, seen))
+    assert rough_from is not None
+    assert 7 <= len(frames) <= 10
+
+
 def correlated(points: np.ndarray, power: int) -> tuple[BulgeTest, float]:
     """A test with noise that is correlated over 10 mm, and what that does to a mean's variance."""
     rng = np.random.default_rng(3)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
@@ -42,7 +43,7 @@ LEAST_WIDTH = 0.02
 #: Share of the area that is slack, above which models of the same fabric differ by several noise
 #: units. Taken from experience with made tests, not derived.
 SLACK = 0.01
-#: Roughness of a frame over that of the light ones above which the fabric has localised.
+#: Roughness over what it would be by earlier frames, above which the fabric has localised.
 ROUGH = 2.5
 
 
@@ -159,16 +160,40 @@ def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
     points = np.asarray(block.reference[:, :2], dtype=float)
     rough = rough_part(points, np.asarray(block.displacement[frames], dtype=float))
     level = np.sqrt(np.nanmean(np.clip(rough, -1.0, 1.0)[..., :2] ** 2, axis=(1, 2)))
-    usual = np.nanmedian(level[: max(3, len(level) // 3)])
-    wild = np.flatnonzero(level > ROUGH * usual)
-    rough_from = None
-    if len(wild) and not (level[wild[0] :] <= 0.7 * ROUGH * usual).any():
-        first = max(int(wild[0]) - 1, 0)  # the frame before may already begin to
+    size = np.sqrt(np.nanmean(block.displacement[frames][..., :2] ** 2, axis=(1, 2)))
+    wild, rough_from = _localised(level, size), None
+    if wild is not None:
+        first = max(wild - 1, 0)  # the frame before may already begin to
         rough_from = 10.0 * float(test.pressure[frames[first]])
         frames = frames[:first]
     if len(frames) > MOST_FRAMES:
         frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int))]
     return frames, rough_from
+
+
+def _localised(level: Floats, size: Floats) -> int | None:
+    """First frame from which the field stays rougher than noise and a smooth field can make it.
+
+    What a quadratic surface leaves of a field that keeps its form grows in proportion to that, and
+    noise does not grow: by an earlier frame the roughness is no more than its own, times the growth
+    of the field. Bands come within frames. The tightest such bound holds, of medians of three
+    frames in a row: one frame alone may be smoother than others.
+
+    Parameters
+    ----------
+    level, size : (frames,) array, mm
+        Root mean squares, in plane, of what a surface leaves and of the displacement.
+    """
+    size = np.maximum(size, np.finfo(float).tiny)
+    bound = level * np.maximum(size[:, None] / size, 1.0)
+    medians = np.median(sliding_window_view(bound, 3, axis=1), axis=2)
+    allowed = np.full(len(level), np.inf)
+    for frame in range(3, len(level)):
+        allowed[frame] = ROUGH * medians[frame, : frame - 2].min()
+    wild = np.flatnonzero(level > allowed)
+    if not len(wild) or (level[wild[0] :] <= 0.7 * allowed[wild[0] :]).any():
+        return None
+    return int(wild[0])
 
 
 def _thinned(test: BulgeTest) -> BulgeTest:
