@@ -388,6 +388,9 @@ MUTANTS = (
     Mutant("gap/evidence/sides.py", "max(slope, 0.0) ** 2", "min(slope, 0.0) ** 2", EVIDENCE),
     Mutant("gap/evidence/descend.py", "> least and not", "> np.inf and not", EVIDENCE),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
+    Mutant(
+        "gap/prepare.py", "size[:, None] / size", "size / size[:, None]", "gap/test_gap_noise.py"
+    ),
     Mutant("gap/evidence/shares.py", "others if len(others)", "[] if len(others)", EVIDENCE),
     Mutant("fem/membrane.py", "end, named[:, -1])", "named[:, -1], named[:, -1])", LAWS),
     Mutant("fem/equilibrium.py", "search.rate = np.inf", "search.rate = 0.0", "fem/test_path.py"),
