@@ -386,7 +386,7 @@ MUTANTS = (
         EVIDENCE,
     ),
     Mutant("gap/evidence/sides.py", "max(slope, 0.0) ** 2", "min(slope, 0.0) ** 2", EVIDENCE),
-    Mutant("gap/evidence/descend.py", "> least and not", "> np.inf and not", EVIDENCE),
+    Mutant("gap/evidence/descend.py", "inflation > least", "inflation > np.inf", EVIDENCE),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
     Mutant(
         "gap/prepare.py", "size[:, None] / size", "size / size[:, None]", "gap/test_gap_noise.py"

@@ -215,12 +215,15 @@ def _descended(
 
 
 def _other_side(problem: Problem, layout: Layout, found: Fit, until: _Until) -> Linearised | None:
-    """Where a descent goes on that ended in what is periodic and means nothing; None if nowhere."""
+    """Where a descent goes on that ended in what is periodic and means nothing; None if nowhere.
+
+    The side that it stands at promises no more than its last step did, which was too little.
+    """
     here = found.here
     least = _misfit(problem, here) * until.least(here.columns)
     for at in idle(layout, here.x, found.model):
         x, taken = best_side(problem, layout, here.x, at, here.near)
-        if taken / problem.inflation > least and not np.array_equal(x, here.x):
+        if taken / problem.inflation > least:
             try:
                 return problem.linearise(x, here.columns, here.near)
             except SolveError:
