@@ -256,37 +256,30 @@ def _step(
     """The step to the optimum, or as far as the trust region lets it; the matrix that made it."""
     width = layout.width[here.columns]
     lower = layout.lower[here.columns] - here.x[here.columns]
-    # in units of the widths, where the matrix is better conditioned
-    scaled, own = slope * width, matrix * np.outer(width, width)
 
-    def to(damping: float) -> tuple[float, Floats]:
-        damped = own + np.diag(np.full(len(own), damping))
-        return damping, bounded_optimum(scaled, damped, lower / width)
+    def to(damping: float) -> tuple[Floats, Floats]:
+        damped = matrix + np.diag(damping / width**2)
+        return bounded_optimum(slope, damped, lower), damped
 
     def size(step: Floats) -> float:
-        return float(np.abs(step).max(initial=0.0))
+        return float(np.abs(step / width).max(initial=0.0))
 
     found = to(0.0)
-    if size(found[1]) > reach:
-        # damping of |b|/reach is enough; halve its logarithm's range until most of it is used
-        low, high = 1e-8, float(np.linalg.norm(scaled)) / reach
-        found = to(high)
-        for _ in range(_HALVINGS):
-            between = np.sqrt(low * high)
-            ahead = to(between)
-            if size(ahead[1]) > reach:
-                low = between
-                continue
-            high, found = between, ahead
-            if size(found[1]) > _USED * reach:
-                break
-    damping, step = found
-    return width * step, matrix + np.diag(damping / width**2)
-
-
-def _optimum(slope: Floats, matrix: Floats, lower: Floats, width: Floats) -> Floats:
-    """`bounded_optimum` in units of the widths, where the matrix is better conditioned."""
-    return width * bounded_optimum(slope * width, matrix * np.outer(width, width), lower / width)
+    if size(found[0]) <= reach:
+        return found
+    # damping of |b|/reach is enough; halve its logarithm's range until most of the reach is used
+    low, high = 1e-8, float(np.linalg.norm(slope * width)) / reach
+    found = to(high)
+    for _ in range(_HALVINGS):
+        between = np.sqrt(low * high)
+        ahead = to(between)
+        if size(ahead[0]) > reach:
+            low = between
+            continue
+        high, found = between, ahead
+        if size(found[0]) > _USED * reach:
+            break
+    return found
 
 
 def _landed(
@@ -309,7 +302,7 @@ def _landed(
     before, settled = float(np.linalg.norm(step / width)), _SETTLED * _misfit(problem, here)
     for _ in range(_CORRECTIONS):
         lower = layout.lower[columns] - there.x[columns]
-        turn = _optimum(slope - forecast, damped, lower, width)
+        turn = bounded_optimum(slope - forecast, damped, lower)
         size = float(np.linalg.norm(turn / width))
         if turn @ damped @ turn < settled or size > _CONTRACTED * before:
             break

@@ -107,6 +107,9 @@ def inverted(matrix: Floats) -> tuple[Floats, float]:
 def bounded_optimum(slope: Floats, matrix: Floats, lower: Floats) -> Floats:
     """The step that minimises stepᵀA step - 2 bᵀstep where step ≥ lower, by active sets.
 
+    Units may differ by decades: Cholesky's errors do not depend on them (Higham, 2002, "Accuracy
+    and stability of numerical algorithms", section 10.1).
+
     Parameters
     ----------
     slope : (p,) array
