@@ -8,7 +8,7 @@ Four runs: all that tests may have; the true effects struck from the catalogue; 
 find what is just detectable; creases and knees. The tests of a run depend on its seed and number
 alone. Seeds below 1000 are for calibration, while the program is worked on. `--final` runs the 300
 tests of a seed that no program has seen (those before it have been run), once, and reports them as
-they come.
+they come. A run in a FOLDER that was interrupted goes on where it was, by the same command.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from typing import Any
 
 import bulgefit
 from bulgefit.gap.effects import CATALOGUE
+from bulgefit.parallel.journal import journaled
 from bulgefit.trial.known import FORMS, KNOWN
 from bulgefit.trial.recording import Recipe
 from bulgefit.trial.run import run_trial, score_folder
@@ -96,6 +97,27 @@ def _line(test: dict[str, Any]) -> str:
     )
 
 
+def run(folder: Path, seed: int, workers: int, options: dict[str, Any]) -> dict[str, Any]:
+    """The answers of one run: as they stand beside its folder, or what is left of it done."""
+    ended, journal = folder.with_suffix(".json"), folder.with_suffix(".part")
+    if ended.is_file():
+        return dict(json.loads(ended.read_text(encoding="utf-8")))
+    begun = journal.is_file()
+    asked = {"version": bulgefit.__version__, "seed": seed, "number": options["number"]}
+    with journaled(journal, asked, resume=True):
+        answer = run_trial(
+            seed=seed,
+            output=folder,
+            workers=workers,
+            diagnose=bulgefit.diagnose,
+            say=lambda line: print(line, file=sys.stderr, flush=True),
+            resume=begun,
+            **options,
+        )
+    ended.write_text(json.dumps(answer, indent=2) + "\n", encoding="utf-8")
+    return dict(answer)
+
+
 def main() -> None:
     """Run, and write what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -130,19 +152,12 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
         results = {}
         for place, (title, options) in enumerate(chosen.items()):
             print(f"== {title}", file=sys.stderr, flush=True)
-            results[title] = run_trial(
-                seed=args.seed + place,
-                output=folder / f"run{place + 1}",
-                workers=args.workers,
-                diagnose=bulgefit.diagnose,
-                say=lambda line: print(line, file=sys.stderr, flush=True),
-                **options,
-            )
-            (folder / f"run{place + 1}.json").write_text(
-                json.dumps(results[title], indent=2) + "\n", encoding="utf-8"
+            results[title] = run(
+                folder / f"run{place + 1}", args.seed + place, args.workers, options
             )
             # after each run, so that an interrupted benchmark leaves what it found
             if args.write:
