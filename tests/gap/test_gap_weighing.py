@@ -281,6 +281,19 @@ def test_frames_that_hang_on_the_mesh_are_doubted(data: Data) -> None:
     np.testing.assert_array_equal(trust[:-1], 1.0)
 
 
+def test_frames_with_any_cloth_that_is_slack_are_doubted(data: Data) -> None:
+    """One integration point is enough; a frame that is met all the same keeps its weight."""
+    prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
+    modelled = np.array(prediction.displacement)
+    modelled[:2] += 5.0 * data.sigma
+    modelled[2] = data.specimen.measured[2]
+    wrinkled = np.zeros(len(modelled))
+    wrinkled[1:3] = 1.0 / (4.0 * len(data.specimen.inflation.mesh.cells))
+    trust = _trust(data, modelled, replace(prediction.shapes, wrinkled=wrinkled))
+    assert trust[1] == pytest.approx(1.0 / np.sqrt(26.0), rel=0.05)
+    np.testing.assert_array_equal(np.delete(trust, 1), 1.0)
+
+
 def test_modes_that_parameters_took_tell_nothing(data: Data) -> None:
     """Of a hundredth of a mode a square as large as the noise's of one is no hundredfold."""
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})

@@ -40,9 +40,6 @@ LEAST_POINTS, LEAST_FRAMES = 60, 5
 #: Standard deviation of the points across their longest direction, relative to the clamp radius;
 #: points all over the disc have 0.5.
 LEAST_WIDTH = 0.02
-#: Share of the area that is slack, above which models of the same fabric differ by several noise
-#: units. Taken from experience with made tests, not derived.
-SLACK = 0.01
 #: Roughness over what it would be by earlier frames, above which the fabric has localised.
 ROUGH = 2.5
 
@@ -286,14 +283,15 @@ def _trust(data: Data, modelled: Floats, shapes: Shapes) -> Floats:
     """Noise over noise and the model's own doubt, (frames,).
 
     Where part of the fabric is slack, tension-field theory says which tension it has but not where
-    its wrinkles lie: there honest models differ by more than the noise, and what the best of them
-    leaves in such a frame, every effect being free, is variance of the model. So it is where what
-    is left of the mesh's error is more than the noise: near a limit of stability shapes hang on
-    all that is small.
+    its wrinkles lie. Those of wavelength λ that take up a strain e stand (λ/π)√e beside the mean
+    surface (Cerda and Mahadevan, 2003): 10 mm and a thousandth make 0.1 mm, twenty times the
+    noise, so that little of the area is enough. What the best model leaves in such a frame, every
+    effect being free, is variance of the model. So it is where what is left of the mesh's error is
+    more than the noise: near a limit of stability shapes hang on all that is small.
     """
     doubtful = np.zeros(len(data.used), dtype=bool)
     if shapes.wrinkled is not None:
-        doubtful |= shapes.wrinkled > SLACK
+        doubtful |= shapes.wrinkled > 0.0
     if data.mesh is not None:
         error = np.where(data.used, data.mesh / data.sigma, 0.0)
         doubtful |= (error**2).mean(axis=1).max(axis=1) > 1.0
