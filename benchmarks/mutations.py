@@ -221,8 +221,8 @@ MUTANTS = (
     ),
     Mutant(
         "gap/evidence/laplace.py",
-        "inflation - away / width**2",
-        "inflation - away / width",
+        "gradient - away / width**2",
+        "gradient - away / width",
         EVIDENCE,
     ),
     Mutant("gap/evidence/laplace.py", "- 2.0 * inside", "+ 2.0 * inside", EVIDENCE),
@@ -386,7 +386,7 @@ MUTANTS = (
         EVIDENCE,
     ),
     Mutant("gap/evidence/sides.py", "max(slope, 0.0) ** 2", "min(slope, 0.0) ** 2", EVIDENCE),
-    Mutant("gap/evidence/descend.py", "inflation > least", "inflation > np.inf", EVIDENCE),
+    Mutant("gap/evidence/descend.py", "if taken > least", "if taken > np.inf", EVIDENCE),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
     Mutant(
         "gap/prepare.py", "size[:, None] / size", "size / size[:, None]", "gap/test_gap_noise.py"

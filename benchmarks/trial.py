@@ -153,16 +153,14 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = args.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        results = {}
+        found: dict[str, Mapping[str, Any]] = {}
         for place, (title, options) in enumerate(chosen.items()):
             print(f"== {title}", file=sys.stderr, flush=True)
-            results[title] = run(
-                folder / f"run{place + 1}", args.seed + place, args.workers, options
-            )
+            found[title] = run(folder / f"run{place + 1}", args.seed + place, args.workers, options)
             # after each run, so that an interrupted benchmark leaves what it found
             if args.write:
-                args.write.write_text(page(results), encoding="utf-8")
-    print(page(results))
+                args.write.write_text(page(found), encoding="utf-8")
+    print(page(found))
 
 
 if __name__ == "__main__":

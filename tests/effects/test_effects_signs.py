@@ -118,6 +118,14 @@ def test_a_fixture_whose_screws_stiffen_moves_less_and_less(specimen: VirtualTes
     )
 
 
+def test_what_begins_to_be_concave_is_told_as_such(specimen: VirtualTest) -> None:
+    """By a difference about a motion that is straight: (1 - exp(-s p))/s is p - s p²/2."""
+    values = {"E1": 300.0, "E2": 200.0, "G12": 20.0, "fixture_motion.shift_x": 0.1}
+    (slope,) = specimen.predict(values, ["fixture_motion.shape"]).derivative[..., 0]
+    expected = -0.05 * (10.0 * specimen.recorded) ** 2
+    np.testing.assert_allclose(slope, np.broadcast_to(expected[:, None], slope.shape), rtol=1e-6)
+
+
 def test_reference_state_is_taken_off(specimen: VirtualTest) -> None:
     x = reference_of(specimen)[:, 0] / 100.0
     found = _change(specimen, reference_state__z10=0.5)

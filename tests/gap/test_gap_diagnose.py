@@ -20,8 +20,11 @@ from bulgefit.gap import apart, course
 from bulgefit.gap.caveats import left_of_the_mesh, left_out
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
+from bulgefit.gap.effects import CATALOGUE
+from bulgefit.gap.evidence.coordinates import Coordinates
+from bulgefit.gap.follow_up.holdout import judge_held_out
 from bulgefit.gap.keys import at_edge, specimen_values
-from bulgefit.gap.prepare import Prepared
+from bulgefit.gap.prepare import Prepared, prepare
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
@@ -312,6 +315,8 @@ def test_tests_of_different_poisson_ratios_are_refused(offset: Diagnosis) -> Non
     (test,) = offset.tests
     with pytest.raises(InputError, match=r"different Poisson ratios \(0\.24, 0\.3\)"):
         diagnose([test, replace(test, poisson_ratio=0.3)])
+    with pytest.raises(InputError, match=r"different Poisson ratios \(0\.24, 0\.3\)"):
+        diagnose(test, holdout=replace(test, poisson_ratio=0.3))
 
 
 @pytest.mark.parametrize("static", [True, False])
@@ -334,6 +339,27 @@ def test_a_specimen_that_was_kept_out_is_met(static: bool) -> None:
     assert [w for w in found.warnings if w.startswith("other: 1 of")]
 
 
+def test_what_belongs_to_the_rig_is_known_of_a_kept_out_specimen(
+    monkeypatch: pytest.MonkeyPatch, offset: Diagnosis
+) -> None:
+    """Neither an effect nor a field of it is looked for anew."""
+    freed: list[str] = []
+
+    def ends(_: object, coordinates: Coordinates, *__: object) -> None:
+        freed.extend(str(group.id) for group in coordinates.groups)
+        raise InputError("seen")
+
+    monkeypatch.setattr("bulgefit.gap.follow_up.holdout.most_probable", ends)
+    effects = [CATALOGUE[name] for name in ("clamp_shape", "prestrain")]
+    for rig, whose in ((True, set()), (False, {"clamp_shape", "rim_field"})):
+        freed.clear()
+        kept_out = prepare(offset.tests[0])
+        with pytest.raises(InputError, match="seen"):
+            judge_held_out(kept_out, offset.explanation, effects, 0.1, same_rig=rig)
+        assert "prestrain" in freed
+        assert {*freed} & {"clamp_shape", "rim_field"} == whose
+
+
 def test_what_only_the_kept_out_specimen_has_is_found() -> None:
     """A gauge of its own that errs, and a stiffness about its cloth's, which is known."""
     own = {"pressure_offset.offset": -0.02, "specimen_factor.warp": 1.06}
@@ -354,7 +380,7 @@ def test_what_only_the_kept_out_specimen_has_is_found() -> None:
 def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
     offset: Diagnosis, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise SolveError(
             "no equilibrium",
             pressure=0.3,

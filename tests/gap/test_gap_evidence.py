@@ -52,7 +52,7 @@ def freeze(forms: Mapping[Any, int]) -> Model:
 class Known:
     """Measured values against `curve`, which gives a model's values and their derivatives.
 
-    Beyond `end` in any coordinate nothing balances.
+    Noise has a variance. Beyond `end` in any coordinate nothing balances.
     """
 
     def __init__(
@@ -60,13 +60,19 @@ class Known:
         groups: list[Group],
         measured: np.ndarray,
         curve: Curve,
-        inflation: float = 1.0,
+        variance: float = 1.0,
         end: float = np.inf,
     ) -> None:
-        self.groups, self.inflation, self.count = groups, inflation, len(measured)
+        self.groups, self.variance, self.noise = groups, variance, float(len(measured))
         self.tempered = 1.0
-        self._measured, self._curve, self._end = measured, curve, end
+        self._measured, self._of, self._end = measured, curve, end
         self.solves = 0
+
+    def _seen(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and derivatives, over the noise."""
+        value, rows = self._of(x)
+        root = np.sqrt(self.variance)
+        return (self._measured - value) / root, rows / root
 
     def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
         self.solves += 1
@@ -75,8 +81,8 @@ class Known:
                 "nothing balances", pressure=0.1, reached=0.1, iteration=1, residual_norm=1.0,
                 parameters={},
             )  # fmt: skip
-        value, rows = self._curve(x)
-        residual, rows = self._measured - value, rows[:, columns]
+        residual, rows = self._seen(x)
+        rows = rows[:, columns]
         return Linearised(
             np.array(x), columns, residual @ residual, rows.T @ residual, rows.T @ rows, rows=rows
         )
@@ -93,8 +99,8 @@ class Known:
 
     def again(self, here: Linearised, x: np.ndarray) -> Linearised:
         there = self.linearise(x, here.columns[:0])
-        residual = self._measured - self._curve(x)[0]
-        return replace(here, x=there.x, square=there.square, gradient=here.rows.T @ residual)
+        gradient = here.rows.T @ self._seen(x)[0]
+        return replace(here, x=there.x, square=there.square, gradient=gradient)
 
 
 def linear(groups: list[Group], rows: np.ndarray, measured: np.ndarray, **more: Any) -> Known:
@@ -107,7 +113,7 @@ def marginal(problem: Known, rows: np.ndarray, columns: np.ndarray, measured: np
     Up to what every model has: the logarithm of the noise's determinant.
     """
     layout = Layout.of(problem.groups)
-    own, v = rows[:, columns], problem.inflation
+    own, v = rows[:, columns], problem.variance
     covariance = np.eye(len(measured)) + own @ np.diag(layout.width[columns] ** 2 / v) @ own.T
     away = measured - rows @ layout.null
     return float(away @ np.linalg.solve(covariance, away) / v + np.linalg.slogdet(covariance)[1])
@@ -124,7 +130,7 @@ def random_linear() -> tuple[Known, np.ndarray, np.ndarray]:
         group("b", [2.0, 0.1]),
         group("c", [1.0, 1.0, 3.0], null=-0.3, forms=((0,), (0, 2), (0, 1, 2))),
     ]
-    return linear(groups, rows, measured, inflation=2.5), rows, measured
+    return linear(groups, rows, measured, variance=2.5), rows, measured
 
 
 MODELS = [freeze(m) for m in ({}, {"b": 0}, {"c": 0}, {"b": 0, "c": 1}, {"b": 0, "c": 2})]
@@ -137,7 +143,7 @@ def test_evidence_of_a_linear_model_is_its_marginal_likelihood(random_linear, mo
     columns = layout.columns(model)
     x = np.array(layout.null)
     x[columns] += np.linspace(-1.0, 2.0, len(columns))  # wherever it is linearised
-    found = laplace(problem.linearise(x, columns), layout, columns, problem.inflation)
+    found = laplace(problem.linearise(x, columns), layout, columns)
     assert found.score == pytest.approx(marginal(problem, rows, columns, measured), rel=1e-10)
 
 
@@ -148,7 +154,7 @@ def test_a_forecast_from_all_is_the_smaller_models_own_evidence(random_linear, m
     everything = layout.columns(layout.whole())
     around = problem.linearise(np.linspace(-1.0, 1.0, 6), everything)
     columns = layout.columns(model)
-    found = laplace(around, layout, columns, problem.inflation)
+    found = laplace(around, layout, columns)
     assert found.score == pytest.approx(marginal(problem, rows, columns, measured), rel=1e-10)
     left = np.setdiff1d(everything, columns)
     np.testing.assert_array_equal(found.x[left], layout.null[left])
@@ -174,9 +180,9 @@ def test_what_means_nothing_without_another_is_no_loss_where_that_goes():
     evidence = alone.score - layout.believed(freeze({}))
     around = problem.linearise(fit.x, layout.columns(layout.whole()))
     columns = layout.columns(freeze({}))
-    by_all = laplace(around, layout, columns, problem.inflation)
+    by_all = laplace(around, layout, columns)
     assert by_all.score == pytest.approx(evidence, rel=1e-9)
-    blocks = Forecast.of(around, layout, layout.columns(layout.whole()), problem.inflation)
+    blocks = Forecast.of(around, layout, layout.columns(layout.whole()))
     assert blocks.score(columns) == pytest.approx(evidence, rel=1e-9)
 
 
@@ -193,15 +199,15 @@ def test_a_forecast_by_blocks_is_that_by_the_whole_matrix(base):
         group("d", [0.5], lower=[0.0]),
     ]
     measured = rows @ rng.normal(size=8) + rng.normal(size=30)
-    problem = linear(groups, rows, measured, inflation=2.5)
+    problem = linear(groups, rows, measured, variance=2.5)
     layout = Layout.of(problem.groups)
     here = problem.linearise(rng.uniform(0.1, 0.4, 8), layout.columns(layout.whole()))
-    found = Forecast.of(here, layout, layout.columns(freeze(base)), problem.inflation)
+    found = Forecast.of(here, layout, layout.columns(freeze(base)))
     forms = {"a": (None, 0), "b": (None, 0, 1), "c": (None, 0, 1), "d": (None, 0)}
     for chosen in itertools.product(*forms.values()):
         model = {n: f for n, f in zip(forms, chosen, strict=True) if f is not None}
         columns = layout.columns(freeze(model))
-        exact = laplace(here, layout, columns, problem.inflation).score
+        exact = laplace(here, layout, columns).score
         assert found.score(columns) == pytest.approx(exact, rel=1e-9)
 
 
@@ -259,7 +265,7 @@ def test_evidence_above_a_bound_against_quadrature(truth):
     problem = linear([group("a", [0.5], lower=np.zeros(1))], rows, measured)
     layout = Layout.of(problem.groups)
     columns = layout.columns(layout.whole())
-    found = laplace(problem.linearise(np.array([0.1]), columns), layout, columns, 1.0)
+    found = laplace(problem.linearise(np.array([0.1]), columns), layout, columns)
     least = float(((measured - rows[:, 0] * max(truth, 0.0)) ** 2).sum())
 
     def density(a: float) -> float:
@@ -369,13 +375,13 @@ def test_a_rough_descent_ends_where_what_is_left_is_nothing():
     """Within the standard deviation √(2 p) of χ² of the optimum, and short of it."""
     noise = np.random.default_rng(3).normal(size=25)
     measured = waves(np.array([1.4, 0.5]))[0] + noise
-    problem = Known([group("a", [1.0, 1.0])], measured, waves, inflation=1.0 / 3.0)
+    problem = Known([group("a", [1.0, 1.0])], measured, waves, variance=1.0 / 3.0)
     layout = Layout.of(problem.groups)
     fits = [
         descend(problem, layout, layout.whole(), np.array([2.5, 1.0]), roughly=roughly)
         for roughly in (False, True)
     ]
-    exact, rough = (f.here.square / problem.inflation + (f.x**2).sum() for f in fits)
+    exact, rough = (f.here.square + (f.x**2).sum() for f in fits)
     assert fits[1].steps < fits[0].steps
     assert exact < rough < exact + 2.0
 
@@ -484,7 +490,7 @@ def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
     layout = Layout.of(problem.groups)
     plain, fit = (
         descend(problem, layout, layout.whole(), np.array([-8.0]), hope=hope)
-        for hope in (None, problem.count / problem.inflation)
+        for hope in (None, problem.noise)
     )
     assert plain.here.square - missed**2 < 2000.0
     assert fit.given_up == (missed > 0.0)
@@ -496,7 +502,7 @@ def test_a_descent_that_cannot_reach_the_noise_is_given_up(missed: float):
             layout,
             layout.whole(),
             fit.x,
-            hope=problem.count / problem.inflation,
+            hope=problem.noise,
             doubted=True,
         )
         assert again.given_up
@@ -534,8 +540,8 @@ def test_what_is_hoped_of_a_model_is_a_thousandth_of_the_probability():
     fit, smaller_fit = (search.fit(model, np.zeros(4)) for model in (whole, less))
     assert fit is not None
     assert smaller_fit is not None
-    here, inflation = smaller_fit.here, search.problem.inflation
-    value, _, _ = quadratic(here, search.layout, search.layout.columns(less), inflation)
+    columns = search.layout.columns(less)
+    value, _, _ = quadratic(smaller_fit.here, search.layout, columns)
     beyond = value - search.hoped(fit, less, fit.here)
     share = np.exp(-0.5 * (smaller_fit.score - fit.score)) / 1e-3
     assert beyond == pytest.approx(-2.0 * np.log(share), abs=1e-6)
@@ -555,11 +561,11 @@ def test_what_ends_on_its_bound_without_a_group_is_hoped_of_as_there():
     assert smaller_fit is not None
     assert smaller_fit.x[0] == 0.0
     columns = search.layout.columns(less)
-    step = laplace(fit.here, search.layout, columns, 1.0)
-    before, _, _ = quadratic(fit.here, search.layout, columns, 1.0)
+    step = laplace(fit.here, search.layout, columns)
+    before, _, _ = quadratic(fit.here, search.layout, columns)
     # what the share above the bound would make of a width
     assert step.score + step.ahead - before - step.volume > 1e3
-    value, _, _ = quadratic(smaller_fit.here, search.layout, columns, 1.0)
+    value, _, _ = quadratic(smaller_fit.here, search.layout, columns)
     hoped = search.hoped(fit, less, fit.here)
     # no more is asked than a thousandth of the probability
     assert value - hoped <= smaller_fit.score - fit.score - 2.0 * np.log(1e3) + 1e-6
@@ -713,7 +719,7 @@ def test_where_was_looked_around_is_known():
     rows = rng.normal(size=(40, 2))
     measured = rows @ [3.0, 0.0] + rng.normal(size=40)
     groups = [group("a", [5.0]), group("b", [5.0])]
-    problem, other = (linear(groups, rows, measured, inflation=v) for v in (1.0, 2.0))
+    problem, other = (linear(groups, rows, measured, variance=v) for v in (1.0, 2.0))
     search = searched(problem)
     small = search.fit(freeze({"a": 0}), np.zeros(2))
     whole = search.fit(search.layout.whole(), np.zeros(2))
@@ -1095,7 +1101,7 @@ def test_a_fields_size_is_the_likeliest_of_the_data(size: float):
     problem, rows, measured = of_bumps(0.0, size, seed=8)
     layout, model = Layout.of(problem.groups), freeze({"field": 0})
     fit = descend(problem, layout, model, np.zeros(31))
-    found = amplitudes(fit.here, layout, [owned("field")], problem.inflation)[owned("field")]
+    found = amplitudes(fit.here, layout, [owned("field")])[owned("field")]
     assert 10.0 * found == pytest.approx(size, rel=0.3)
 
     def lost(factor: float) -> float:
@@ -1112,7 +1118,7 @@ def test_a_field_that_is_nowhere_goes_to_nothing_beside_one_that_is():
     problem = linear([group("here", [5.0] * 20), group("nowhere", [5.0] * 20)], rows, measured)
     layout = Layout.of(problem.groups)
     fit = descend(problem, layout, layout.whole(), np.zeros(40))
-    found = amplitudes(fit.here, layout, [owned("here"), owned("nowhere")], problem.inflation)
+    found = amplitudes(fit.here, layout, [owned("here"), owned("nowhere")])
     assert found[owned("here")] == pytest.approx(0.2, rel=0.4)
     assert found[owned("nowhere")] < 0.02
 
@@ -1123,7 +1129,7 @@ def test_an_effect_in_a_field_is_seen_once_that_is_as_large_as_it_is():
     layout, alone, both = Layout.of(problem.groups), freeze({"field": 0}), {"field": 0, "effect": 0}
     fit = descend(problem, layout, alone, np.zeros(31))
     assert descend(problem, layout, freeze(both), np.zeros(31)).score > fit.score
-    scaled = layout.scaled(amplitudes(fit.here, layout, [owned("field")], problem.inflation))
+    scaled = layout.scaled(amplitudes(fit.here, layout, [owned("field")]))
     alone_now, with_it = (
         descend(problem, scaled, freeze(forms), np.zeros(31)) for forms in ({"field": 0}, both)
     )
@@ -1179,7 +1185,7 @@ def test_drops_go_round() -> None:
     measured = rows @ [2.0, 3.0, -2.0, 0.0, 0.0, 0.0, 0.0] + 0.1 * rng.normal(size=60)
     names = [Owned(n) for n in "abcdefg"]
     groups = [replace(group(str(n), [1.0]), id=n) for n in names]
-    search = searched(Narrow(groups, measured, lambda x: (rows @ x, rows), inflation=0.01))
+    search = searched(Narrow(groups, measured, lambda x: (rows @ x, rows), variance=0.01))
     search.fit(freeze(dict.fromkeys(names[:6], 0)), np.zeros(7))
     tried: list[str] = []
     search.say = tried.append
@@ -1233,7 +1239,7 @@ def test_what_another_hides_but_for_its_square_is_found_where_a_third_stands_for
     fit = search.fit(freeze({shift: 0, stand: 0}), np.zeros(4))
     around = search.around(fit)
     own = search.layout.own(shift, 0)
-    x = handed_over(around, search.layout, own, sags, 1.0)
+    x = handed_over(around, search.layout, own, sags)
     # to first order the same, by the misfit's own derivatives, and the sag has it all
     assert x[2] == pytest.approx(-fit.x[0], rel=1e-2)
     moved = sagged(fit.x)[1] @ (x - fit.x)

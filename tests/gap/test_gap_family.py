@@ -117,6 +117,37 @@ def test_advice_is_about_the_test_that_has_the_effect(found: Diagnosis) -> None:
     assert told[0] != pytest.approx(told[1], rel=1e-6)
 
 
+def test_what_is_measured_directly_is_told_whatever_the_noise_of_the_field(
+    found: Diagnosis,
+) -> None:
+    """Heights to 0.05 mm, beside a field that tells nothing."""
+    (known,) = found.explanation.evidence.values()
+    doubted = replace(
+        found.explanation,
+        evidence={Owned("prestrain", 0): known},
+        others={Owned("prestrain", 1): 0.2, Owned("initial_shape"): 0.1},
+    )
+    deaf = [replace(p.data, inflation=1e12) for p in found.prepared]
+    advice = {a.measurement: a for a in advise(deaf, doubted)}
+    at_rest = advice["shape at zero pressure"]
+    assert at_rest.between == ("prestrain", "initial_shape")
+    h0 = effect_named("initial_shape").parameter("h0")
+    assert at_rest.separation == pytest.approx(0.1 * (h0.upper - h0.lower) / 0.05, rel=1e-3)
+
+
+def test_an_effect_is_no_rival_of_itself(found: Diagnosis) -> None:
+    """What one specimen has, another may have: no measurement is to tell these apart."""
+    (known,) = found.explanation.evidence.values()
+    rivalled = replace(known, rivals=(Owned("prestrain", 1),))
+    doubted = replace(
+        found.explanation,
+        evidence={Owned("prestrain", 0): rivalled},
+        others={Owned("clamp_shape"): 0.1},
+    )
+    now, *_ = advise([p.data for p in found.prepared], doubted)
+    assert now.between == ("prestrain", "clamp_shape")
+
+
 def test_priors_are_of_moduli(grid) -> None:
     test = made(grid(11.0), 0, {})
     with pytest.raises(InputError, match=r"prior: clamp_slip\.compliance is none of E1, E2, G12"):

@@ -107,7 +107,7 @@ def test_gradients_are_those_of_the_misfit(data: Data) -> None:
         [0, *(layout.part(n).start for n in groups), layout.part(groups[1]).stop - 1]
     )
     here = weighing.linearise(x, columns)
-    assert weighing.count == data.used.sum() + data.used.shape[1]
+    assert weighing.noise * data.inflation == pytest.approx(data.used.sum() + data.used.shape[1])
     for place, column in enumerate(columns):
         step, none = 1e-3 * layout.width[column], columns[:0]
         squares = []

@@ -22,7 +22,7 @@ from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.weighing import Weighing
 
-INFLATION, COURSES = 1.7, 18
+COURSES = 18
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 
 
@@ -62,7 +62,7 @@ def spread() -> list[np.ndarray]:
 def drawn(modes: list[np.ndarray], spread: list[np.ndarray], seed: int) -> np.ndarray:
     """Noise and misfit (frames, points, 3)."""
     rng = np.random.default_rng(seed)
-    out = np.sqrt(INFLATION) * rng.normal(size=modes[0].shape[2:])
+    out = rng.normal(size=modes[0].shape[2:])
     for part, s in zip(modes, spread, strict=True):
         found = rng.normal(size=part.shape[:2]) @ np.linalg.cholesky(s).T
         out += np.einsum("kjfqc,kj->fqc", part, found)
@@ -72,7 +72,7 @@ def drawn(modes: list[np.ndarray], spread: list[np.ndarray], seed: int) -> np.nd
 def covariance(modes: list[np.ndarray], spread: list[np.ndarray]) -> np.ndarray:
     """Of noise and misfit over all values."""
     size = modes[0][0, 0].size
-    out = INFLATION * np.eye(size)
+    out = np.eye(size)
     for part, s in zip(modes, spread, strict=True):
         values, turn = np.linalg.eigh(s)
         root = turn * np.sqrt(np.maximum(values, 0.0))
@@ -84,16 +84,16 @@ def covariance(modes: list[np.ndarray], spread: list[np.ndarray]) -> np.ndarray:
 def of_nothing_known(data: Data, residual: np.ndarray) -> Misfit:
     """Of a model whose only parameter has next to no derivative."""
     rows = np.stack([np.full_like(residual, 1e-9), residual])
-    return Misfit.of(data, rows, np.eye(1), INFLATION)
+    return Misfit.of(data, rows, np.eye(1))
 
 
 def test_rows_count_by_noise_and_misfit(data, modes, spread):
-    """v r C⁻¹ r by a dense matrix."""
+    """r C⁻¹ r by a dense matrix."""
     found = replace(of_nothing_known(data, drawn(modes, spread, 2)), spread=tuple(spread))
     rows = np.random.default_rng(3).normal(size=(4, *data.used.shape))
     rows[0] += 5.0 * modes[0][3, 4]
-    white, flat = found.whitened(rows, INFLATION).reshape(4, -1), rows.reshape(4, -1)
-    exact = INFLATION * flat @ np.linalg.solve(covariance(modes, spread), flat.T)
+    white, flat = found.whitened(rows).reshape(4, -1), rows.reshape(4, -1)
+    exact = flat @ np.linalg.solve(covariance(modes, spread), flat.T)
     np.testing.assert_allclose(white @ white.T, exact, rtol=1e-8, atol=1e-8 * exact.max())
 
 
@@ -135,7 +135,7 @@ def test_what_the_parameters_took_is_made_up_for(data, modes):
     flat = slopes.reshape(189, -1)
     residual -= np.tensordot(flat @ residual.ravel(), slopes, 1)
     rows = np.concatenate([slopes, residual[None]])
-    found = Misfit.of(data, rows, np.linalg.inv(flat @ flat.T + 1e-6 * np.eye(189)), INFLATION)
+    found = Misfit.of(data, rows, np.linalg.inv(flat @ flat.T + 1e-6 * np.eye(189)))
     assert np.trace(found.spread[0]) / COURSES == pytest.approx(20.0, rel=3 * np.sqrt(2 / 189))
 
 
@@ -150,20 +150,23 @@ def test_by_more_points_it_takes_as_much(made_by_the_model: Callable[..., Data])
     left = np.einsum("qk,kfc->fqc", modes, 30.0 * rng.normal(size=(21, 7, 3)))[None]
     left += rng.normal(size=left.shape)
     rows = np.concatenate([np.full_like(left, 1e-9), left])
-    told = Misfit.of(thin, rows, np.eye(1), INFLATION)
+    told = Misfit.of(thin, rows, np.eye(1))
     on = told.on(whole, 1.0)
     assert (len(told.spread), len(on.spread)) == (2, 3)
     load = np.cbrt(whole.specimen.recorded)[:, None, None]
     smooth = ((0.3 + x * y - y**3)[:, None] * load * [1.0, -2.0, 0.5])[None]
-    few, many = (
-        float((m.whitened(r, INFLATION) ** 2).sum())
-        for m, r in ((told, smooth[:, :, ::2]), (on, smooth))
+    # of noise with four times the variance, rows are half
+    louder = told.on(whole, 4.0)
+    few, many, half = (
+        float((m.whitened(r) ** 2).sum())
+        for m, r in ((told, smooth[:, :, ::2]), (on, smooth), (louder, 0.5 * smooth))
     )
     assert few < 0.1 * float((smooth[:, :, ::2] ** 2).sum())
     assert many == pytest.approx(few, rel=0.1)
+    assert half == pytest.approx(few, rel=0.1)
     noise = rng.normal(size=(1, *whole.used.shape))
     kept = [
-        float((m.whitened(r, INFLATION) ** 2).sum() / (r**2).sum())
+        float((m.whitened(r) ** 2).sum() / (r**2).sum())
         for m, r in ((told, noise[:, :, ::2]), (on, noise))
     ]
     assert kept[0] < kept[1] < 1.0

@@ -11,7 +11,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import estimate_noise, noise_of
 from bulgefit.errors import InputError
 from bulgefit.gap.caveats import left_out
-from bulgefit.gap.prepare import _usable_frames, prepare
+from bulgefit.gap.prepare import _usable_frames, drop_outliers, prepare
 
 SIGMA = np.array([0.006, 0.006, 0.015])
 FRAMES = 8
@@ -32,6 +32,24 @@ def dome(points: np.ndarray, frames: int = FRAMES) -> np.ndarray:
 def bulge_test(points: np.ndarray, displacement: np.ndarray, **more: object) -> BulgeTest:
     pressure = np.linspace(0.01, 0.25, len(displacement))
     return BulgeTest.from_arrays(points, displacement, pressure, **more)
+
+
+def test_strays_are_looked_for_in_all_that_was_measured(points: np.ndarray) -> None:
+    """What a poor model left out comes back by a better one; what is left out is told."""
+    seen = dome(points) + np.random.default_rng(4).normal(size=(FRAMES, len(points), 3)) * SIGMA
+    seen[3, 10, 2] += 5.0
+    seen[5, 20] = np.nan
+    prepared = prepare(bulge_test(points, seen))
+    poor = dome(points)
+    poor[6, 30, 2] += 5.0
+    for modelled, strays in ((poor, 2), (dome(points), 1), (dome(points), 1)):
+        drop_outliers(prepared, modelled)
+        assert prepared.strays == strays
+    used = np.ones(seen.shape, dtype=bool)
+    used[[3, 5], [10, 20]] = False
+    np.testing.assert_array_equal(prepared.data.used, used)
+    (warning,) = left_out([prepared])
+    assert warning.startswith("test: 1 of ")
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1, 0.3])

@@ -1,19 +1,20 @@
-"""The part of a residual that is smooth in space and keeps from frame to frame, by its size."""
+"""Structure in a residual: what persists from frame to frame, by its size, and whom it trusts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
+from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import Seen, regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.regress import Regression, regress
@@ -54,15 +55,36 @@ def scene(made_by_the_model: Callable[..., Data]) -> Scene:
 def test_noise_leaves_no_trace(scene: Scene) -> None:
     found = structure(scene.data, scene.fit)
     assert not found.significant
-    assert abs(found.smooth) < found.by_chance
+    assert structure(scene.data, scene.missing(0.6)).significant
 
 
-def test_a_pattern_within_the_models_floor_is_seen(scene: Scene) -> None:
-    """A quarter of a noise unit is no structure yet; its size is that of the smooth part."""
-    near = scene.missing(0.25)
-    found = structure(scene.data, near)
+def test_a_pattern_within_the_models_floor_is_none(scene: Scene) -> None:
+    """A quarter of a noise unit is no structure yet; it persists by its square."""
+    found = structure(scene.data, scene.missing(0.25))
     assert not found.significant
-    assert found.smooth == pytest.approx(0.25**2, rel=0.2)
+    assert found.persistent == pytest.approx(0.25**2, rel=0.3)
+
+
+def test_fields_beside_noise_leave_no_trace(scene: Scene) -> None:
+    """However many coordinates a model has: most of them are finer than regions are."""
+    many = tuple(Key.of(f"stiffness_field.b{n}") for n in range(500))
+    found = structure(scene.data, Seen(many, list(scene.fit.predictions)))
+    assert not found.significant
+
+
+def test_a_frame_that_is_doubted_is_no_trace(scene: Scene) -> None:
+    """What the model's own doubt explains there is none, and it is told at its size in mm."""
+    (data,), (p,) = scene.data, scene.fit.predictions
+    off = np.array(p.displacement)
+    wave = 10.0 * scene.pattern[:1] * data.sigma
+    off[:1] -= wave
+    wild = Seen((), [replace(p, displacement=off)])
+    trust = np.where(np.arange(12) < 1, 0.1, 1.0)
+    assert structure([data], wild).significant
+    found = structure([replace(data, trust=trust)], wild)
+    assert not found.significant
+    largest = max(abs(cell.mean) for cell in found.cells)
+    assert largest == pytest.approx(max(abs(c.mean) for c in structure([data], wild).cells))
 
 
 def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> None:
@@ -74,11 +96,10 @@ def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> 
     layout, start = Layout.of(coordinates.groups), np.log(list(TRUTH.values()))
     fit = regression_of(creased, descend(creased, layout, freeze({}), start))
     found = structure(scene.data, fit)
-    assert abs(found.smooth) < found.by_chance < 0.02
-    assert found.persistent < -2.0 * found.by_chance  # a mean of 12 frames was taken off
+    # a mean of 12 frames was taken off
+    assert found.persistent == pytest.approx(-1.0 / 12.0, abs=0.01)
     waves = np.cos(np.linspace(0.0, np.pi, 12))[:, None, None] * scene.pattern
     near = Scene(scene.data, fit, waves).missing(0.3)
     found = structure(scene.data, near)
     assert not found.significant
-    assert found.smooth == pytest.approx(0.3**2 / 2, rel=0.2)
-    assert found.smooth > 2.0 * found.by_chance
+    assert found.persistent + 1.0 / 12.0 == pytest.approx(0.3**2 / 2, rel=0.3)

@@ -22,6 +22,7 @@ from bulgefit.gap.evidence.outcome import regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing, _balanced
+from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.prepare import _trust
 from bulgefit.gap.specimen import Specimen
 
@@ -158,15 +159,35 @@ def test_the_meshs_remainder_is_noise_of_one_more_direction(data: Data) -> None:
     rows = plain._rows(plain.data[0], own, x, list(columns)).reshape(4, -1)
     m = (pattern / data.sigma).ravel()
     covariance = 3.0 * np.eye(len(m)) + np.outer(m, m)
-    exact = 3.0 * rows @ np.linalg.solve(covariance, rows.T)
+    exact = rows @ np.linalg.solve(covariance, rows.T)
     assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
     np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-9)
     np.testing.assert_allclose(found.gradient, exact[:-1, -1], rtol=1e-7)
 
 
+def test_each_specimen_is_weighed_by_its_own_noise(data: Data) -> None:
+    """Σ |r|²/v over the specimens; noise leaves as many as are independent."""
+    both = [data, replace(data, inflation=9.0)]
+    weighing, layout = weighing_of(both)
+    alone, own = weighing_of(both[:1])
+    columns, points = np.arange(3), (np.array(layout.null), np.array(own.null))
+    for x in points:
+        x[:3] = np.log([300.0, 200.0, 25.0])
+    found, one = weighing.linearise(points[0], columns), alone.linearise(points[1], columns)
+    assert found.square == pytest.approx((1.0 + 1.0 / 9.0) * one.square, rel=1e-9)
+    np.testing.assert_allclose(found.hessian, (1.0 + 1.0 / 9.0) * one.hessian, rtol=1e-9)
+    assert weighing.noise == pytest.approx((1.0 + 1.0 / 9.0) * data.used.sum())
+    predictions = [d.specimen.predict(TRUTH, [key.name for key in MODULI]) for d in both]
+    normal = normal_equations(both, predictions, MODULI)
+    single = normal_equations(both[:1], predictions[:1], MODULI)
+    np.testing.assert_allclose(normal.whole.matrix, (1.0 + 1.0 / 9.0) * single.whole.matrix)
+    assert normal.held_out() == pytest.approx((1.0 + 1.0 / 9.0) * single.held_out())
+    assert normal.noise == pytest.approx(weighing.noise)
+
+
 @pytest.mark.parametrize("length", [0.0, 12.0])
 def test_offsets_of_points_are_integrated_out(length: float, data: Data) -> None:
-    """v r C⁻¹ r and ln det C/v, C = v + K for each two frames of two points, by a dense matrix."""
+    """r C⁻¹ r and ln det C/v, C = v + K for each two frames of two points, by a dense matrix."""
     prior = np.array([0.01, 0.02, 0.05])
     used = np.array(data.used)
     used[2, ::3] = False
@@ -186,7 +207,7 @@ def test_offsets_of_points_are_integrated_out(length: float, data: Data) -> None
         of_offsets = (prior[axis] / some.sigma[axis]) ** 2 * alike[np.ix_(point, point)]
         covariance = np.eye(len(point)) + of_offsets / 3.0
         own = rows[:, frame, point, axis]
-        exact += own @ np.linalg.solve(covariance, own.T)
+        exact += own @ np.linalg.solve(covariance, own.T) / 3.0
         log_det += np.linalg.slogdet(covariance)[1]
     assert found.square == pytest.approx(exact[-1, -1], rel=1e-9)
     np.testing.assert_allclose(found.hessian, exact[:-1, :-1], rtol=1e-8)
@@ -216,7 +237,7 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     assert errors[slipping] == pytest.approx(sd[slip], rel=1e-6)
     # what the data hardly say of is known by its prior, held out or not
     assert max(errors[k] for k in found.keys if k.effect == "stiffness_field") < 0.15
-    assert found.held_out() < 1.3 * found.normal.count
+    assert found.held_out() < 1.3 * found.normal.noise
 
 
 def test_a_regression_keeps_no_derivatives(data: Data) -> None:
@@ -348,7 +369,7 @@ def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> N
     columns = layout.columns(layout.whole((Owned("clamp_slip"), Owned("rigid_motion"))))
     beside = weighing.beside(3.0).beside(3.0)
     assert (beside.tempered, beside.afresh().tempered) == (9.0, 9.0)
-    found, same = (laplace(w.linearise(x, columns), layout, columns, w.inflation) for w in
+    found, same = (laplace(w.linearise(x, columns), layout, columns) for w in
                    (beside, noisier))  # fmt: skip
     assert found.score == pytest.approx(same.score, rel=1e-9)
     np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-6)
@@ -394,6 +415,16 @@ def test_thinned_points_count_for_as_many(data: Data) -> None:
     assert some.mesh.shape == some.used.shape
     assert some.inflation == pytest.approx(2.0)
     assert whole.thinned(1) is whole
+
+
+def test_thinned_points_keep_what_persists_in_them(data: Data) -> None:
+    """Half of the variance, alike in six frames; of the other half a mean counts 1 + 6/3 times."""
+    frames = len(data.used)
+    whole = replace(data, inflation=0.5 * frames + 0.5 * 7.0, persistent=0.5)
+    assert whole.in_space == pytest.approx(7.0)
+    some = whole.thinned(3)
+    assert some.inflation == pytest.approx(0.5 * frames + 0.5 * 3.0)
+    assert some.in_space == pytest.approx(3.0)
 
 
 def test_cloth_that_lies_loosely_is_found_from_rest_where_a_neighbour_does_not_lead_to_it() -> None:

@@ -35,9 +35,10 @@ KNEE = 0.01
 def concave(bar: Floats, shape: float) -> Floats:
     """How far (n,) what pressure moves has gone that goes by 1 a bar at first.
 
-    (1 - exp(-shape p))/shape, shape in 1/bar: its screws stiffen.
+    (1 - exp(-shape p))/shape, shape in 1/bar: its screws stiffen. Below 0, where differences by it
+    reach, it goes on as it is.
     """
-    return np.asarray(-np.expm1(-shape * bar) / shape if shape > 0.0 else bar)
+    return np.asarray(-np.expm1(-shape * bar) / shape if shape != 0.0 else bar)
 
 
 @dataclass(frozen=True, eq=False)

@@ -188,7 +188,7 @@ class Attempt:
         found = [name for name, _ in best.model if is_field(name)]
         if not found:
             return self
-        factors = amplitudes(best.here, search.layout, found, search.problem.inflation)
+        factors = amplitudes(best.here, search.layout, found)
         problem = search.problem.within(search.problem.coordinates.scaled(factors))
         layout = search.layout.scaled(factors)
         search = replace(search, problem=problem, layout=layout, fits={}, renewed=set())

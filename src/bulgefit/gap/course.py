@@ -125,7 +125,7 @@ def _rough_fit(
         d.specimen.correction = None
     weighing = Weighing(_thinned(data), coordinates)
     model = layout.whole(name for name in layout.free if not is_field(name))
-    hope = weighing.count / weighing.inflation
+    hope = weighing.noise
     try:
         return kept(lambda: descend(weighing, layout, model, start, roughly=True, hope=hope))
     except SolveError:
@@ -135,8 +135,7 @@ def _rough_fit(
 def _thinned(data: Sequence[Data]) -> list[Data]:
     """As many points as the noise's correlation leaves."""
     return [
-        d.thinned(min(round(d.inflation / d.mixture), len(d.specimen.reference) // LEAST_POINTS))
-        for d in data
+        d.thinned(min(round(d.in_space), len(d.specimen.reference) // LEAST_POINTS)) for d in data
     ]
 
 

@@ -92,7 +92,7 @@ class Data:
         """With one in so many of its points.
 
         Points whose noise is correlated say little that their neighbours do not: the rest stand
-        so far apart that fewer of them count as one.
+        so far apart that fewer of them count as one. What persists in a point stays as it is.
         """
         if every <= 1:
             return self
@@ -100,11 +100,13 @@ class Data:
         points[::every] = True
         specimen = self.specimen.of(self.specimen.test.select(points=points))
         specimen.correction = self.specimen.correction
+        apart = 1.0 + (self.in_space - 1.0) / every
+        persists = self.persistent * len(self.used)
         return Data(
             specimen,
             self.sigma,
             self.used[:, points],
-            self.mixture * (1.0 + (self.inflation / self.mixture - 1.0) / every),
+            self.mixture * (persists + (1.0 - self.persistent) * apart),
             self.persistent,
             None if self.mesh is None else self.mesh[:, points],
             self.trust,
@@ -128,6 +130,12 @@ class Data:
         specimen = self.specimen.of(self.specimen.test)
         specimen.correction = self.specimen.correction
         return replace(self, specimen=specimen)
+
+    @property
+    def in_space(self) -> float:
+        """`inflation` by what is correlated in space, of the noise that each frame has anew."""
+        anew, persists = 1.0 - self.persistent, self.persistent * len(self.used)
+        return (self.inflation / self.mixture - persists) / anew if anew > 0.0 else 1.0
 
     @property
     def heights(self) -> Floats | None:

@@ -107,7 +107,7 @@ def diagnose(
     wanted = chosen_effects(effects)
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
-    _same_ratio(given)
+    _same_ratio(given if holdout is None else [*given, holdout])
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
@@ -148,11 +148,11 @@ def diagnose(
         met, unmet = None, list[str]()
         if kept_out is not None:
             say("held-out test")
-            same = same_rig and len(given) > 1
             unusable = _lacking(wanted, [kept_out.data.specimen.test])
-            own_effects = [e for e in wanted if not (e.id in unusable or (same and e.of_rig))]
+            usable = [e for e in wanted if e.id not in unusable]
+            same = same_rig and len(given) > 1
             try:
-                met = judge_held_out(kept_out, found, own_effects, weight, say)
+                met = judge_held_out(kept_out, found, usable, weight, say, same_rig=same)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
             unmet += lacked_by(kept_out, found)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.data import Data
-from bulgefit.gap.keys import names_of
+from bulgefit.gap.keys import by_value, names_of
 from bulgefit.gap.regress import Regression
 
 __all__ = ["ImpliedReference", "implied_references"]
@@ -63,6 +63,7 @@ def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
         weight = d.share[:, None] ** 2 * d.used[..., 2]
         counted = np.where(seen, weight.sum(axis=0), 1.0)
         by_name = d.specimen.observe(shapes, names).derivative[..., 2]
+        by_name = by_name * np.array([by_value(n, shapes.values) for n in names])[:, None, None]
         slopes += np.einsum("fn,kfn->kn", weight, by_name) / counted
         height = height - offset[:, 2]
         variance = d.sigma[2] ** 2 / counted

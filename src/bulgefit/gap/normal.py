@@ -12,7 +12,7 @@ point out takes the offset from the point's other frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +39,7 @@ class Quadratic:
     Attributes
     ----------
     matrix : (P + 1, P + 1) array
-        [J r]ᵀ[J r], residuals and derivatives in units of the noise.
+        [J r]ᵀ[J r], residuals and derivatives over the noise: |r|² is -2 ln of the likelihood.
     """
 
     matrix: Floats
@@ -71,17 +71,6 @@ class Quadratic:
             np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (self.gradient * scale)
         )
 
-    def of(self, columns: Sequence[int]) -> Quadratic:
-        """By some of the parameters alone."""
-        index = [*columns, len(self.matrix) - 1]
-        return Quadratic(self.matrix[np.ix_(index, index)])
-
-    def moved(self, columns: Sequence[int], change: Floats) -> Quadratic:
-        """With parameters changed by so much, to first order."""
-        shift = np.eye(len(self.matrix))
-        shift[columns, -1] = -change
-        return Quadratic(shift.T @ self.matrix @ shift)
-
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
@@ -92,40 +81,26 @@ class NormalEquations:
     whole : Quadratic
     kept, held : tuple of Quadratic
         One for each fold.
-    count : int
-        Values.
+    noise : float
+        What noise alone leaves of the sum of squares: values, as many as are independent.
     """
 
     whole: Quadratic
     kept: tuple[Quadratic, ...]
     held: tuple[Quadratic, ...]
-    count: int
-
-    def of(self, columns: Sequence[int]) -> NormalEquations:
-        """By some of the parameters alone."""
-        return self._each(lambda q: q.of(columns))
-
-    def moved(self, columns: Sequence[int], change: Floats) -> NormalEquations:
-        """With parameters changed by so much, to first order."""
-        return self._each(lambda q: q.moved(columns, change))
-
-    def _each(self, of: Callable[[Quadratic], Quadratic]) -> NormalEquations:
-        kept, held = (tuple(of(q) for q in group) for group in (self.kept, self.held))
-        return NormalEquations(of(self.whole), kept, held, self.count)
+    noise: float
 
     def step_without(self, fold: int) -> Floats:
         """Change of the optimum when a fold is left out."""
         return self.kept[fold].step() - self.whole.step()
 
-    def held_out(self, *, realised: bool = True) -> float:
+    def held_out(self) -> float:
         """Sum of squared residuals of each fold under the fit without it.
 
         A fit that stopped short of its optimum, or at a bound, is judged where it stands: only
-        what leaving the fold out changes is added. A forecast (`realised` false) is judged where
-        the linear step would take it.
+        what leaving the fold out changes is added.
         """
-        steps = (self.step_without(k) if realised else self.kept[k].step() for k in range(FOLDS))
-        return sum(held.at(step) for held, step in zip(self.held, steps, strict=True))
+        return sum(held.at(self.step_without(k)) for k, held in enumerate(self.held))
 
 
 def scales(h: Floats) -> Floats:
@@ -137,7 +112,10 @@ def scales(h: Floats) -> Floats:
 def normal_equations(
     data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[Key]
 ) -> NormalEquations:
-    """Of all specimens by the freed keys; predictions have derivatives by the specimen's own."""
+    """Of all specimens by the freed keys; predictions have derivatives by the specimen's own.
+
+    Each specimen counts by its own noise, correlation included (`Data.inflation`).
+    """
     size = len(columns_of(keys)) + 1
     whole = np.zeros((size, size))
     kept, held = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size, size))
@@ -150,15 +128,15 @@ def normal_equations(
         rows[-1] = d.residual(p)
         here = np.ix_([*places, size - 1], [*places, size - 1])
         parts = _projected(d, rows) if has_offsets(keys, index) else _plain(d, rows)
-        whole[here] += parts[0]
+        whole[here] += parts[0] / d.inflation
         for fold in range(FOLDS):
-            kept[fold][here] += parts[1][fold]
-            held[fold][here] += parts[2][fold]
+            kept[fold][here] += parts[1][fold] / d.inflation
+            held[fold][here] += parts[2][fold] / d.inflation
     return NormalEquations(
         Quadratic(whole),
         tuple(Quadratic(m) for m in kept),
         tuple(Quadratic(m) for m in held),
-        sum(int(d.used.sum()) for d in data),
+        sum(float(d.used.sum()) / d.inflation for d in data),
     )
 
 

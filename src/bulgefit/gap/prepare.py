@@ -28,7 +28,6 @@ __all__ = [
     "fix_units",
     "judge_mesh",
     "prepare",
-    "renew",
     "renew_noise",
     "settle",
 ]
@@ -224,11 +223,15 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
 
 
 def drop_outliers(prepared: Prepared, modelled: Floats) -> None:
-    """Leave out points of frames that depart from those around them far beyond the noise."""
+    """Leave out points of frames that depart from those around them far beyond the noise.
+
+    Of all that was measured: what a poorer model left out before is looked at again.
+    """
     data = prepared.data
-    residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
+    measured = np.isfinite(data.specimen.measured)
+    residual = np.where(measured, data.specimen.measured - modelled, np.nan)
     strays = outliers(data.specimen.reference[:, :2], residual, data.sigma)
-    data.used = data.used & ~strays[..., None]
+    data.used = measured & ~strays[..., None]
     prepared.strays = int(strays.sum())
 
 
@@ -309,22 +312,10 @@ def _size(field: Floats | None) -> Floats:
     return np.asarray(np.sqrt((field**2).mean(axis=(0, 1))))
 
 
-def renew(prepared: Prepared, fit: Regression, index: int) -> None:
-    """The mesh's error and the noise as they are at a fit, this being its specimen `index`.
-
-    Offsets of every point take away what persists of the noise as well: the noise stays as it was
-    without them.
-    """
-    specimen = prepared.data.specimen
-    shapes = fit.predictions[index].shapes
-    correct_discretisation(prepared, shapes)
-    if fit.offsets[index] is None:
-        renew_noise(prepared, specimen.observe(shapes).displacement)
-
-
 def settle(prepared: Sequence[Prepared], fit: Regression) -> Regression:
     """Noise and the mesh's error as they are at this fit, and the fit once more with them."""
-    for index, p in enumerate(prepared):
-        renew(p, fit, index)
     shapes = [p.shapes for p in fit.predictions]
+    for p, here in zip(prepared, shapes, strict=True):
+        correct_discretisation(p, here)
+        renew_noise(p, p.data.specimen.observe(here).displacement)
     return regress([p.data for p in prepared], fit.keys, fit.values, shapes)

@@ -1,7 +1,4 @@
-"""Least squares over one or several specimens, with what held-out judgement needs.
-
-Residuals are in units of the noise: (measured - modelled)/sigma of the component.
-"""
+"""Least squares over one or several specimens, with what held-out judgement needs."""
 
 from __future__ import annotations
 
@@ -44,12 +41,11 @@ class Regression:
     values : dict of Key to float
         Of every freed parameter.
     normal : NormalEquations
-        r measured minus modelled in noise units, by the keys that have derivatives.
+        r measured minus modelled, by the keys that have derivatives.
     predictions : list of Prediction
         Without derivatives kept; with the offsets.
     offsets : list of (points, 3) array or None
         Where an offset of every point is freed (mm).
-    inflation : float
     converged : bool
     held : bool
         G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
@@ -62,7 +58,6 @@ class Regression:
     normal: NormalEquations
     predictions: list[Prediction]
     offsets: list[Floats | None]
-    inflation: float
     converged: bool
     held: bool = False
     excess: float = 1.0
@@ -73,25 +68,20 @@ class Regression:
         return columns_of(self.keys)
 
     @property
-    def chi_square(self) -> float:
-        """Sum of squared residuals over the noise."""
-        return self.normal.whole.square
-
-    @property
     def floor(self) -> float:
-        """What noise alone leaves of the sum of squares over the inflation."""
-        return self.normal.count / self.inflation
+        """What noise alone leaves of the misfit."""
+        return self.normal.noise
 
-    def held_out(self, *, realised: bool = True) -> float:
-        """Held-out sum of squares over the inflation; see `NormalEquations.held_out`."""
-        return self.normal.held_out(realised=realised) / self.inflation
+    def held_out(self) -> float:
+        """The misfit of what is held out; see `NormalEquations.held_out`."""
+        return self.normal.held_out()
 
     def covariance(self) -> Floats:
         """Of the parameters with derivatives, correlated noise and misfit included, (P, P)."""
         hessian = self.normal.whole.hessian
         scale = scales(hessian)
         inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-        return self.excess * self.inflation * inverse * np.outer(scale, scale)
+        return self.excess * inverse * np.outer(scale, scale)
 
     def standard_errors(self) -> dict[Key, float]:
         """Of the parameters with derivatives."""
@@ -157,7 +147,6 @@ def regress(
         here.normal,
         [Prediction(p.displacement, p.derivative[:0].copy(), p.shapes) for p in here.predictions],
         [None] * len(data),
-        float(np.mean([d.inflation for d in data])),
         converged,
         _is_held(keys, here.values, bounds),
     )
@@ -172,7 +161,7 @@ def _descended(
     for _ in range(iterations):
         step = bounded_step(here.normal.whole, here.values, keys, bounds, damping)
         expected = here.square - here.normal.whole.at(step)
-        beyond_noise = max(here.square - here.normal.count, 0.0)
+        beyond_noise = max(here.square - here.normal.noise, 0.0)
         if left is None and expected <= _SETTLED + _SETTLED_SHARE * beyond_noise:
             return here, True
         there = _stepped(data, keys, here, step)

@@ -25,9 +25,7 @@ _LEAST, _MOST = 1e-3, 1e1
 _ROUNDS = 2
 
 
-def amplitudes(
-    here: Linearised, layout: Layout, fields: Collection[Owned], inflation: float
-) -> dict[Owned, float]:
+def amplitudes(here: Linearised, layout: Layout, fields: Collection[Owned]) -> dict[Owned, float]:
     """Factors of the prior widths of some groups by which the evidence is largest.
 
     Parameters
@@ -37,8 +35,6 @@ def amplitudes(
     layout : Layout
     fields : collection of Owned
         Groups of the model, each with a width of its own.
-    inflation : float
-        Of the noise.
     """
     found = dict.fromkeys(sorted(fields), 1.0)
     for _ in range(_ROUNDS if len(found) > 1 else 1):
@@ -46,7 +42,7 @@ def amplitudes(
 
             def misses(log: float, name: Owned = name) -> float:
                 scaled = layout.scaled({**found, name: float(np.exp(log))})
-                return laplace(here, scaled, here.columns, inflation).score
+                return laplace(here, scaled, here.columns).score
 
             best = minimize_scalar(misses, bounds=np.log([_LEAST, _MOST]), method="bounded")
             found[name] = float(np.exp(best.x))

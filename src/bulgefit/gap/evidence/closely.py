@@ -83,7 +83,7 @@ def _unforeseen(search: Search[Kind], less: Fit, gone: Owned, fit: Fit) -> tuple
     specimen that it was of, and what was left.
     """
     layout, left = search.layout, dict(less.model)
-    told = laplace(fit.here, layout, layout.columns(less.model), search.problem.inflation).score
+    told = laplace(fit.here, layout, layout.columns(less.model)).score
     told += layout.believed(less.model) - fit.score
     foreseen = 0.5 * told < less.score - fit.score < 2.0 * told
     turning = {name for name, _ in layout.turning(layout.whole(search.names))}
@@ -101,7 +101,7 @@ def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
     Unless twice of that would not do: the best of four sides of what is periodic is an eighth of a
     turn from the right one, at most, and takes off half as much as that, at least.
     """
-    layout, problem = search.layout, search.problem
+    layout = search.layout
     more = [m for m in larger(layout, search.names, less.model) if len(m) > len(less.model)]
     if not more or (around := search.seen_around(less)) is None:
         return
@@ -109,5 +109,5 @@ def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
     score, model = min(((forecast(m), m) for m in more), key=lambda found: found[0])
     gain = forecast(less.model) - score
     if less.score - 2.0 * gain < fit.score:
-        start = laplace(around, layout, layout.columns(model), problem.inflation).x
+        start = laplace(around, layout, layout.columns(model)).x
         search.fit(model, start, around.near, hope=search.hoped(fit, model, around))

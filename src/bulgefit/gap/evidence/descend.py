@@ -87,7 +87,7 @@ def descend(
     hope: float | None = None,
     doubted: bool = False,
 ) -> Fit:
-    """Minimise |r|²/v + Σ((x - n)/s)² over a model's coordinates.
+    """Minimise |r|² + Σ((x - n)/s)² over a model's coordinates.
 
     Steps are held within a trust region of the prior's metric: no coordinate moves by more than so
     many of its prior widths at once, and what the data say little of stays (Levenberg's damping).
@@ -122,7 +122,7 @@ def descend(
     share : float
         Stop, not converged, where a step gains less than this share of the misfit beyond the noise.
     hope : float, optional
-        Stop where |r|²/v + Σ((x - n)/s)² is on its way to more than this: at two points in a row
+        Stop where |r|² + Σ((x - n)/s)² is on its way to more than this: at two points in a row
         gains that go on falling, as what the next step promises does beside the last gain, would
         not lead down to it (Aitken, 1926, "On Bernoulli's numerical solution of algebraic
         equations").
@@ -171,9 +171,8 @@ def _descended(
     columns, least = here.columns, until.least(here.columns)
     reach, converged, taken, last = _REACH, False, 1, np.inf
     hopeless, seen = int(until.doubted), 1
-    noise = problem.count / problem.inflation
     while taken < until.steps and reach > _LEAST_REACH:
-        value, slope, matrix = quadratic(here, layout, columns, problem.inflation)
+        value, slope, matrix = quadratic(here, layout, columns)
         step, damped = _step(slope, matrix, layout, here, reach)
         promised = float(2.0 * slope @ step - step @ matrix @ step)
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
@@ -189,7 +188,7 @@ def _descended(
         landed = _landed(problem, layout, here, step, damped)
         gained, ahead = -np.inf, None
         if landed is not None:
-            gained = value - quadratic(landed, layout, columns, problem.inflation)[0]
+            gained = value - quadratic(landed, layout, columns)[0]
             ahead = _slopes(problem, landed) if gained > 0.0 else None
             gained = gained if ahead is not None else -np.inf
         if gained < 0.25 * promised:
@@ -203,10 +202,10 @@ def _descended(
                 converged = True
                 break
             value -= gained
-            if gained < until.share * (value - noise):
+            if gained < until.share * (value - problem.noise):
                 break
             last = gained
-    found = laplace(here, layout, columns, problem.inflation)
+    found = laplace(here, layout, columns)
     # where a step that was not taken would lead is no evidence
     score = found.score if converged else found.score + found.ahead
     score += layout.believed(model)
@@ -223,7 +222,7 @@ def _other_side(problem: Problem, layout: Layout, found: Fit, until: _Until) -> 
     least = _misfit(problem, here) * until.least(here.columns)
     for at in idle(layout, here.x, found.model):
         x, taken = best_side(problem, layout, here.x, at, here.near)
-        if taken / problem.inflation > least:
+        if taken > least:
             try:
                 return problem.linearise(x, here.columns, here.near)
             except SolveError:
@@ -246,8 +245,8 @@ def _slopes(problem: Problem, landed: Linearised) -> Linearised | None:
 
 
 def _misfit(problem: Problem, here: Linearised) -> float:
-    """Mean square of the residual in units of the noise that is counted with; 1 or more."""
-    return max(here.square / (problem.count * problem.tempered), 1.0)
+    """Mean square of the residual over the noise's before that was raised; 1 or more."""
+    return max(here.square / (problem.noise * problem.tempered), 1.0)
 
 
 def _step(
@@ -292,13 +291,13 @@ def _landed(
     (Transtrum and Sethna, 2012, "Improvements to the Levenberg-Marquardt algorithm for nonlinear
     least-squares minimization", eq. 9).
     """
-    columns, inflation = here.columns, problem.inflation
-    width, (_, slope, matrix) = layout.width[columns], quadratic(here, layout, columns, inflation)
+    columns = here.columns
+    width, (_, slope, matrix) = layout.width[columns], quadratic(here, layout, columns)
     forecast = slope - matrix @ step
     there = _at(problem, here, here.x[columns] + step)
     if there is None:
         return None
-    value, slope, _ = quadratic(there, layout, columns, inflation)
+    value, slope, _ = quadratic(there, layout, columns)
     before, settled = float(np.linalg.norm(step / width)), _SETTLED * _misfit(problem, here)
     for _ in range(_CORRECTIONS):
         lower = layout.lower[columns] - there.x[columns]
@@ -309,7 +308,7 @@ def _landed(
         ahead = _at(problem, here, there.x[columns] + turn)
         if ahead is None:
             break
-        lowered, slope, _ = quadratic(ahead, layout, columns, inflation)
+        lowered, slope, _ = quadratic(ahead, layout, columns)
         if lowered >= value:
             break
         there, value, before = ahead, lowered, size

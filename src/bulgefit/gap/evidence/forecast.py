@@ -61,12 +61,12 @@ class Forecast:
     stiff: Floats
 
     @classmethod
-    def of(cls, here: Linearised, layout: Layout, columns: Columns, inflation: float) -> Forecast:
+    def of(cls, here: Linearised, layout: Layout, columns: Columns) -> Forecast:
         """About the model that frees `columns`."""
         own = np.searchsorted(here.columns, columns)
         rest = np.setdiff1d(np.arange(len(here.columns)), own)
         here = _without(here, layout, columns, rest)
-        value, slope, matrix = quadratic(here, layout, here.columns, inflation)
+        value, slope, matrix = quadratic(here, layout, here.columns)
         value -= _believed(layout, here.columns[rest], here.x[here.columns[rest]])
         inner, between = matrix[np.ix_(own, own)], matrix[np.ix_(own, rest)]
         covariance, log_det = inverted(inner)

@@ -13,9 +13,7 @@ __all__ = ["handed_over"]
 Floats = NDArray[np.float64]
 
 
-def handed_over(
-    around: Linearised, layout: Layout, old: Columns, name: Owned, inflation: float
-) -> Floats:
+def handed_over(around: Linearised, layout: Layout, old: Columns, name: Owned) -> Floats:
     """The point where a group, in its largest form, has taken over what it can of another's part.
 
     What it does there to first order is taken off the other's coordinates, so the misfit differs
@@ -30,8 +28,6 @@ def handed_over(
         Coordinates of the group that hides it.
     name : Owned
         The group.
-    inflation : float
-        Of the noise.
 
     Returns
     -------
@@ -42,7 +38,7 @@ def handed_over(
     def alike(to: Columns, of: Columns, change: Floats) -> Floats:
         """What coordinates do like a change of others, by least squares under their prior."""
         here, there = np.searchsorted(around.columns, to), np.searchsorted(around.columns, of)
-        own = around.hessian[np.ix_(here, here)] + inflation * np.diag(layout.width[to] ** -2)
+        own = around.hessian[np.ix_(here, here)] + np.diag(layout.width[to] ** -2)
         moved = np.linalg.solve(own, around.hessian[np.ix_(here, there)] @ change)
         return np.asarray(moved, dtype=np.float64)
 

@@ -44,7 +44,7 @@ def improved(
     to_noise : bool
         The better one is one that leaves the noise alone, whatever the best one leaves.
     """
-    noise = search.noise if to_noise else np.inf
+    noise = search.problem.noise if to_noise else np.inf
     while fewer is None or len(fit.model) < fewer or fit is search.best:
         if (around := search.seen_around(fit)) is None:
             break
@@ -220,7 +220,7 @@ def _uncovered(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
             continue
         whole = fit.model | search.layout.whole([name])
         own = search.layout.own(by, dict(fit.model)[by])
-        start = handed_over(around, search.layout, own, name, search.problem.inflation)
+        start = handed_over(around, search.layout, own, name)
         found = search.fit(whole, start, fit.here.near)
         if found is not None:
             better = _rid(search, found, keep=name)

@@ -1,9 +1,9 @@
 """How well does a model do, over all values that its prior allows? Laplace's approximation.
 
-With the misfit linear near a point (`Linearised`), the noise's inflation v, nulls n and prior
-widths s, the posterior is Gaussian with A = H/v + diag(1/s²), and with b = g/v - (x - n)/s²
+With the misfit linear near a point (`Linearised`), nulls n and prior widths s, the posterior is
+Gaussian with A = H + diag(1/s²), and with b = g - (x - n)/s²
 
-    -2 ln Z = |r|²/v + Σ((x - n)/s)² - bᵀA⁻¹b + ln det A + 2 Σ ln s
+    -2 ln Z = |r|² + Σ((x - n)/s)² - bᵀA⁻¹b + ln det A + 2 Σ ln s
 
 up to a constant of the data (MacKay, 1992, "Bayesian interpolation", eq. 2.5 ff.). Coordinates that
 end at a lower bound take only the share of either Gaussian above it. A smaller model needs no new
@@ -53,9 +53,7 @@ class Laplace:
     covariance: Floats
 
 
-def quadratic(
-    here: Linearised, layout: Layout, columns: Columns, inflation: float
-) -> tuple[float, Floats, Floats]:
+def quadratic(here: Linearised, layout: Layout, columns: Columns) -> tuple[float, Floats, Floats]:
     """-2 ln(likelihood × prior) of a model near `here`: value, slope b and matrix A at its x.
 
     What `here` has derivatives by and the model lacks is moved to its null, or stays where it means
@@ -70,15 +68,15 @@ def quadratic(
     gradient = here.gradient[own] - here.hessian[np.ix_(own, gone)] @ change
     away = here.x[columns] - layout.null[columns]
     width = layout.width[columns]
-    value = square / inflation + ((away / width) ** 2).sum()
-    slope = gradient / inflation - away / width**2
-    matrix = here.hessian[np.ix_(own, own)] / inflation + np.diag(width**-2)
+    value = square + ((away / width) ** 2).sum()
+    slope = gradient - away / width**2
+    matrix = here.hessian[np.ix_(own, own)] + np.diag(width**-2)
     return float(value), slope, matrix
 
 
-def laplace(here: Linearised, layout: Layout, columns: Columns, inflation: float) -> Laplace:
+def laplace(here: Linearised, layout: Layout, columns: Columns) -> Laplace:
     """Evidence of the model that frees `columns`, by the misfit near `here`."""
-    value, slope, matrix = quadratic(here, layout, columns, inflation)
+    value, slope, matrix = quadratic(here, layout, columns)
     width, lower = layout.width[columns], layout.lower[columns]
     covariance, log_det = inverted(matrix)
     step = covariance @ slope

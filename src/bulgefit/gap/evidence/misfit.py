@@ -97,20 +97,20 @@ class Misfit:
     ----------
     modes : _Modes
     spread : tuple of (3 l, 3 l) array
-        Covariance of the coefficients of each octave, in noise units.
+        Covariance of the coefficients of each octave, over the variance of noise.
     """
 
     modes: _Modes
     spread: tuple[Floats, ...]
 
     @classmethod
-    def of(cls, d: Data, rows: Floats, covariance: Floats, inflation: float) -> Misfit:
+    def of(cls, d: Data, rows: Floats, covariance: Floats) -> Misfit:
         """Of what a model leaves of a specimen.
 
         The likelihood is largest where the variances along the eigenvectors of the mean product of
         an octave's coefficients are its eigenvalues less the noise's, none where that is negative
         (Tipping and Bishop, 1999, "Probabilistic principal component analysis", eq. 7). The model's
-        parameters have taken trace(Z (JᵀJ + v/s²)⁻¹ Zᵀ) of the coefficients, Z being derivatives by
+        parameters have taken trace(Z (JᵀJ + 1/s²)⁻¹ Zᵀ) of the coefficients, Z being derivatives by
         the modes: what is left stands for all of them.
 
         Parameters
@@ -118,11 +118,9 @@ class Misfit:
         d : Data
         rows : (p + 1, frames, points, 3) array
             Derivatives by the specimen's own coordinates and the residual at the model's optimum,
-            in noise units.
+            of which noise has variance 1.
         covariance : (p, p) array
-            Their part of (JᵀJ + v diag(1/s²))⁻¹ over all specimens, v the noise's inflation and s
-            prior widths.
-        inflation : float
+            Their part of (JᵀJ + diag(1/s²))⁻¹ over all specimens, s being prior widths.
         """
         modes, spread = _Modes.of(d), list[Floats]()
         for part, count in zip(modes.parts(modes.courses(rows)), modes.counts, strict=True):
@@ -130,31 +128,31 @@ class Misfit:
             freedom = count * part.shape[2]
             taken = float((slopes * (covariance @ slopes)).sum())
             values, turn = np.linalg.eigh(left.T @ left / count * freedom / (freedom - taken))
-            spread.append((turn * np.maximum(values - inflation, 0.0)) @ turn.T)
+            spread.append((turn * np.maximum(values - 1.0, 0.0)) @ turn.T)
         return cls(modes, tuple(spread))
 
     def on(self, d: Data, louder: float) -> Misfit:
         """The same misfit over other points of the specimen, which may tell an octave more.
 
-        A mode's coefficient grows with the root of the number of points. What is finer than all
-        octaves counts as the noise does, whose variance there is `louder` times that here.
+        A mode's coefficient grows with the root of the number of points, and noise there has
+        `louder` times the variance. What is finer than all octaves counts as the noise does.
         """
         modes = _Modes.of(d)
-        more = len(modes.over[0]) / len(self.modes.over[0])
+        more = len(modes.over[0]) / len(self.modes.over[0]) / louder
         last = len(self.spread) - 1
         smooth = [more * self.spread[min(octave, last)] for octave in range(len(modes.over))]
-        return Misfit(modes, (*smooth, louder * self.spread[last]))
+        return Misfit(modes, (*smooth, self.spread[last]))
 
-    def whitened(self, rows: Floats, inflation: float) -> Floats:
+    def whitened(self, rows: Floats) -> Floats:
         """Rows (n, frames, points, 3) by which products count beside the misfit.
 
-        Noise of a mode has variance v, noise and misfit v + λ along an eigenvector of its octave's
-        covariance: there rows are less by √(v/(v + λ)).
+        Noise of a mode has variance 1, noise and misfit 1 + λ along an eigenvector of its octave's
+        covariance: there rows are less by √(1/(1 + λ)).
         """
         parts = self.modes.parts(self.modes.courses(rows))
         taken = []
         for part, spread in zip(parts, self.spread, strict=True):
             values, turn = np.linalg.eigh(spread)
-            less = 1.0 - np.sqrt(inflation / (inflation + np.maximum(values, 0.0)))
+            less = 1.0 - 1.0 / np.sqrt(1.0 + np.maximum(values, 0.0))
             taken.append(part @ (turn * less) @ turn.T)
         return np.asarray(rows - self.modes.rows(taken))

@@ -72,7 +72,7 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         predictions.append(d.specimen.observe(shapes, names))
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
-    known = _prior(chosen, fit.x[columns], weighing.excess * weighing.inflation)
+    known = _prior(chosen, fit.x[columns], weighing.excess)
     if not free:
         known += _heights(weighing.data, predictions, keys)
     offsets = [
@@ -84,7 +84,6 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         _with(normal, known),
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
-        weighing.inflation,
         fit.converged,
         excess=weighing.excess,
     )
@@ -102,13 +101,13 @@ def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:
     return Prediction(seen, prediction.derivative[:0].copy(), prediction.shapes)
 
 
-def _prior(chosen: list[Coordinate], x: Floats, inflation: float) -> Floats:
+def _prior(chosen: list[Coordinate], x: Floats, excess: float) -> Floats:
     """[J r]ᵀ[J r] of the priors as data: one value each, the null, by the parameters' values."""
     matrix = np.zeros((len(chosen) + 1, len(chosen) + 1))
     for place, (coordinate, at) in enumerate(zip(chosen, x, strict=True)):
         value = coordinate.value(at)
         by_value = coordinate.parameter.by_value(value) / coordinate.parameter.slope(value)
-        row = np.sqrt(inflation) / coordinate.width * np.array([by_value, coordinate.null - at])
+        row = np.sqrt(excess) / coordinate.width * np.array([by_value, coordinate.null - at])
         here = np.ix_([place, len(chosen)], [place, len(chosen)])
         matrix[here] += np.outer(row, row)
     return matrix
@@ -126,7 +125,7 @@ def _heights(
             rows = off_planes(height_rows(d, values, names), plane_rows(d))
             rows *= np.append([by_value(name, values) for name in names], 1.0)[:, None]
             here = np.ix_([*places, len(keys)], [*places, len(keys)])
-            matrix[here] += rows @ rows.T
+            matrix[here] += rows @ rows.T / d.inflation
     return matrix
 
 
@@ -136,5 +135,5 @@ def _with(normal: NormalEquations, known: Floats) -> NormalEquations:
         Quadratic(normal.whole.matrix + known),
         tuple(Quadratic(q.matrix + known) for q in normal.kept),
         normal.held,
-        normal.count,
+        normal.noise,
     )

@@ -99,7 +99,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The misfit near a point: |r - J (y - x)|² for y near x, in units of the noise.
+    """The misfit near a point: |r - J (y - x)|² for y near x, which is -2 ln of the likelihood.
 
     Attributes
     ----------
@@ -151,23 +151,17 @@ class Problem(Protocol):
     Attributes
     ----------
     groups : sequence of Group
-    inflation : float
-        Variance of a mean over that of independent noise: the sum of squares over it is -2 ln of
-        the likelihood.
-    count : int
-        Values that are compared.
+    noise : float
+        What noise alone leaves of the misfit: as many as there are values, where it is independent.
     tempered : float
-        Part of the inflation by which the noise was raised beyond what it is.
+        By which the noise's variance was raised beyond what it is.
     """
 
     @property
     def groups(self) -> Sequence[Group]: ...
 
     @property
-    def inflation(self) -> float: ...
-
-    @property
-    def count(self) -> int: ...
+    def noise(self) -> float: ...
 
     @property
     def tempered(self) -> float: ...

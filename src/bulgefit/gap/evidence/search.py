@@ -74,11 +74,6 @@ class Search(Generic[Kind]):
         """The fitted model with the most evidence."""
         return min(self.fits.values(), key=lambda fit: fit.score)
 
-    @property
-    def noise(self) -> float:
-        """What noise alone leaves of |r|²/v."""
-        return self.problem.count / self.problem.inflation
-
     def fit(
         self,
         model: Model,
@@ -160,14 +155,13 @@ class Search(Generic[Kind]):
         return self.layout.whole(dict(model))
 
     def hoped(self, fit: Fit, model: Model, here: Linearised) -> float:
-        """|r|²/v + Σ((x - n)/s)² by which a model has a thousandth of a fit's probability.
+        """|r|² + Σ((x - n)/s)² by which a model has a thousandth of a fit's probability.
 
         What does not come down to that has no say, and need not be fitted to its end. With the
         covariance that it has by the misfit `here`, and all of its posterior above the bounds:
         where a linear step leads far below one the optimum is on it.
         """
-        columns, inflation = self.layout.columns(model), self.problem.inflation
-        volume = laplace(here, self.layout, columns, inflation).volume
+        volume = laplace(here, self.layout, self.layout.columns(model)).volume
         return fit.score + REACH - volume - self.layout.believed(model)
 
     def refit(self, model: Model, around: Linearised, fit: Fit) -> Fit | None:
@@ -176,7 +170,7 @@ class Search(Generic[Kind]):
         known = self.fits.get(model)
         if known is not None:
             return known
-        ahead = laplace(around, self.layout, columns, self.problem.inflation)
+        ahead = laplace(around, self.layout, columns)
         hope = self.hoped(fit, model, around)
         found = self.fit(model, ahead.x, around.near, hope=hope)
         return found if found is not None else self.fit(model, around.x, around.near, hope=hope)
@@ -184,5 +178,5 @@ class Search(Generic[Kind]):
     def forecasts(self, around: Linearised, model: Model) -> Callable[[Model], float]:
         """Scores of models near one, by the misfit near a fit."""
         layout = self.layout
-        found = Forecast.of(around, layout, layout.columns(model), self.problem.inflation)
+        found = Forecast.of(around, layout, layout.columns(model))
         return lambda other: found.score(layout.columns(other)) + layout.believed(other)

@@ -80,13 +80,13 @@ def _shrunk(square: float, number: float) -> float:
 def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
     """How many of the residual's smooth modes a fit's coordinates take up.
 
-    trace(Z (JᵀJ + v diag(1/s²))⁻¹ Zᵀ), by derivatives J of all values and Z of the modes, and prior
+    trace(Z (JᵀJ + diag(1/s²))⁻¹ Zᵀ), by derivatives J of all values and Z of the modes, and prior
     widths s: of coordinates that the data determine, not their priors, and of these the part that
     is seen in the modes (MacKay, 1992, "Bayesian interpolation", eq. 4.9, for modes one by one).
     """
     columns = layout.columns(fit.model)
     here = weighing.linearise(fit.x, columns, fit.here.near)
-    factor = cho_factor(here.hessian + weighing.inflation * np.diag(layout.width[columns] ** -2))
+    factor = cho_factor(here.hessian + np.diag(layout.width[columns] ** -2))
     found = 0.0
     for index, d in enumerate(weighing.data):
         own = weighing.coordinates.of_specimen(columns, index)

@@ -72,7 +72,12 @@ class Ways(Generic[Kind]):
         named = self._named
         whole = named.layout.whole(named.names)
         found = named.fit(
-            whole, self.start, self.near, roughly=True, hope=named.noise, doubted=self.doubted
+            whole,
+            self.start,
+            self.near,
+            roughly=True,
+            hope=named.problem.noise,
+            doubted=self.doubted,
         )
         if found is not None and hopeful():
             improved(named, found)

@@ -71,14 +71,9 @@ class Weighing:
         return self.coordinates.groups
 
     @property
-    def inflation(self) -> float:
-        """Of the noise, over all specimens."""
-        return float(np.mean([d.inflation for d in self.data]))
-
-    @property
-    def count(self) -> int:
-        """Values that are compared."""
-        return sum(int(np.count_nonzero(shown(d))) for d in self.data)
+    def noise(self) -> float:
+        """Values that are compared, as many as are independent: what noise leaves of the misfit."""
+        return sum(float(np.count_nonzero(shown(d))) / d.inflation for d in self.data)
 
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
@@ -103,9 +98,8 @@ class Weighing:
         """The same over other data of the specimens, beside what models were judged beside here."""
         whole = Weighing(data, self.coordinates, offsets, excess=excess)
         if self.misfits is not None:
-            louder = whole.inflation / self.inflation
-            pairs = zip(self.misfits, data, strict=True)
-            whole.misfits = [misfit.on(d, louder) for misfit, d in pairs]
+            pairs = zip(self.misfits, self.data, data, strict=True)
+            whole.misfits = [m.on(d, d.inflation / here.inflation) for m, here, d in pairs]
         return whole
 
     def beside(self, excess: float) -> Weighing:
@@ -122,14 +116,14 @@ class Weighing:
             At the model's optimum, by its coordinates.
         """
         width = np.array([self.coordinates.every[c].width for c in here.columns])
-        known = here.hessian + self.inflation * np.diag(width**-2)
+        known = here.hessian + np.diag(width**-2)
         inverse: Floats = np.asarray(np.linalg.inv(known), dtype=np.float64)
         misfits = []
         for index, (d, white) in enumerate(zip(self.data, here.rows, strict=True)):
             own = self.coordinates.of_specimen(here.columns, index)
             place = np.searchsorted(here.columns, own)
             rows = self.of_frames(index, white)
-            misfits.append(Misfit.of(d, rows, inverse[np.ix_(place, place)], self.inflation))
+            misfits.append(Misfit.of(d, rows, inverse[np.ix_(place, place)]))
         return Weighing(self.data, self.coordinates, self.offsets, self.tempered, misfits)
 
     @property
@@ -240,9 +234,10 @@ class Weighing:
         return found
 
     def _whitened(self, index: int, rows: Floats) -> Floats:
-        """Rows (k, frames, points, 3) with products as offsets, mesh and misfit leave them.
+        """Rows (k, frames, points, 3) with products as noise, offsets, mesh and misfit leave them.
 
-        And, where heights were measured, the plane that they are counted from; (k, values).
+        And, where heights were measured, the plane that they are counted from; (k, values). Their
+        products are those of the likelihood: each specimen's by its own noise.
         """
         d = self.data[index]
 
@@ -260,13 +255,14 @@ class Weighing:
             planes = flat(with_heights(d, np.zeros((3, *d.used.shape)), plane_rows(d)))
             own = off_planes(own, planes)
             mesh = None if mesh is None else off_planes(mesh, planes)
+        own /= np.sqrt(d.inflation)
         if mesh is not None:
-            own = _beside_mesh(own, mesh[0], d.inflation)
+            own = _beside_mesh(own, mesh[0] / np.sqrt(d.inflation))
         if self.misfits is not None:
             frames = self.of_frames(index, own)
             for first in range(0, len(frames), _AT_ONCE):
                 some = frames[first : first + _AT_ONCE]
-                some[:] = self.misfits[index].whitened(some, self.inflation)
+                some[:] = self.misfits[index].whitened(some)
         return own
 
     def of_frames(self, index: int, rows: Floats) -> Floats:
@@ -306,17 +302,17 @@ def _gram(rows: Floats, threads: int) -> Floats:
     return first + second
 
 
-def _beside_mesh(rows: Floats, mesh: Floats, inflation: float) -> Floats:
+def _beside_mesh(rows: Floats, mesh: Floats) -> Floats:
     """Rows (k, values), changed, where what is left of the mesh's error is noise in a direction.
 
     It is known in its pattern m, (values,), and in its size to about itself. With noise of
-    covariance v 1 + m mᵀ, v C⁻¹ = 1 - m mᵀ/(v + mᵀm) (Sherman and Morrison, 1950), which is the
-    square of 1 - m mᵀ (1 - (v/(v + mᵀm))^1/2)/mᵀm.
+    covariance C = 1 + m mᵀ, C⁻¹ = 1 - m mᵀ/(1 + mᵀm) (Sherman and Morrison, 1950), which is the
+    square of 1 - m mᵀ (1 - (1 + mᵀm)^-1/2)/mᵀm.
     """
     size = float(mesh @ mesh)
     if size == 0.0:
         return rows
-    share = (1.0 - np.sqrt(inflation / (inflation + size))) / size
+    share = (1.0 - 1.0 / np.sqrt(1.0 + size)) / size
     for row in rows:  # one by one: all at once would be as much memory again, twice
         row -= share * float(row @ mesh) * mesh
     return rows

@@ -17,7 +17,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE, MODULI
 from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
-from bulgefit.gap.keys import parameter_of, specimen_values
+from bulgefit.gap.keys import by_value, parameter_of, specimen_values
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
 
@@ -91,7 +91,7 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     options: dict[str, Callable[[], Floats]] = {
         _ALONE: lambda: base,
         _LOW: lambda: (
-            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), values, keys)
+            base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), values, keys, more=6)
         ),
         _RIM: lambda: base + _normal(d, _with_rim_points(d), values, keys, near=here),
         _TURNED: lambda: base + _normal(d, d.specimen, _turned(values), keys),
@@ -104,7 +104,7 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     ranked = []
     for name, normal in options.items():
         with suppress(BulgefitError):  # where nothing balances, there is nothing to measure
-            told = _separation(normal(), size, d.inflation)
+            told = _separation(normal(), size)
             ranked.append(Advice(str(name), told, (first, second), index, _WHY[name]))
     return [ranked[0], *sorted(ranked[1:], key=lambda a: -a.separation)]
 
@@ -113,8 +113,9 @@ def _leading(found: Explanation) -> tuple[Owned, Owned] | None:
     """What is least sure of the model, and what may be in its place, or beside it."""
     causes = {g: e for g, e in found.evidence.items() if not is_field(g)}
     for group, evidence in causes.items():
-        if evidence.rivals and not is_field(evidence.rivals[0]):
-            return group, evidence.rivals[0]
+        rival = next(iter(evidence.rivals), group)
+        if rival.effect != group.effect and not is_field(rival):
+            return group, rival
     others = {g: p for g, p in found.others.items() if not is_field(g)}
     if not causes or not others:
         return None
@@ -140,13 +141,15 @@ def _normal(
     keys: Sequence[Key],
     *,
     near: Shapes | None = None,
+    more: int | None = None,
 ) -> Floats:
-    """Normal matrix of a (further) measurement with the final model's parameters."""
-    rows = specimen.predict(values, [key.name for key in keys], near).derivative / d.sigma
+    """Normal matrix of a (further) measurement, or its first frames, with the final parameters."""
+    rows = specimen.predict(values, [key.name for key in keys], near).derivative[:, :more] / d.sigma
+    rows *= np.array([by_value(key.name, values) for key in keys])[:, None, None, None]
     if specimen is d.specimen:
         rows = np.where(d.used, rows, 0.0)
     flat = rows.reshape(len(keys), -1)
-    return flat @ flat.T
+    return flat @ flat.T / d.inflation
 
 
 def _turned(values: Mapping[str, float]) -> dict[str, float]:
@@ -156,8 +159,12 @@ def _turned(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _with_pressures(d: Data, pressure: Floats) -> Specimen:
-    """The specimen at other pressures, at the times that its own frames suggest."""
-    return _elsewhere(d, d.specimen.reference, pressure)
+    """The specimen at other pressures, at the times that its own frames suggest.
+
+    The last frame is at its highest pressure, by which effects and fields count theirs.
+    """
+    highest = d.specimen.recorded.max()
+    return _elsewhere(d, d.specimen.reference, np.append(pressure, highest))
 
 
 def _with_rim_points(d: Data) -> Specimen:
@@ -202,7 +209,7 @@ def _told(keys: Sequence[Key], by: Further) -> Floats:
     return np.diag([errors[key] ** -2 if key in errors else 0.0 for key in keys])
 
 
-def _separation(h: Floats, size: Floats, inflation: float) -> float:
+def _separation(h: Floats, size: Floats) -> float:
     """Largest signal of the second effect, at a plausible size, that the rest cannot imitate.
 
     Its parameters are the last of the normal matrix.
@@ -211,4 +218,4 @@ def _separation(h: Floats, size: Floats, inflation: float) -> float:
     rest, own = slice(0, first), slice(first, None)
     left = h[own, own] - h[own, rest] @ np.linalg.pinv(h[rest, rest], hermitian=True) @ h[rest, own]
     signal = np.linalg.eigvalsh(left * np.outer(size, size)).max()
-    return float(np.sqrt(max(signal, 0.0) / inflation))
+    return float(np.sqrt(max(signal, 0.0)))

@@ -69,6 +69,8 @@ def judge_held_out(
     effects: Sequence[Effect],
     weight: float,
     say: Callable[[str], None] = lambda _: None,
+    *,
+    same_rig: bool = False,
 ) -> HeldOutTest:
     """Meet a kept-out specimen with what was found on the others.
 
@@ -78,11 +80,13 @@ def judge_held_out(
     found : Explanation
         Of the others.
     effects : sequence of Effect
-        Of the catalogue, without what belongs to a rig that is the others' too.
+        Of the catalogue, of which the test has what they need.
     weight : float
         Of dz in e_w.
     say : callable
         Told what is tried.
+    same_rig : bool
+        What belongs to a rig is known from the others, too.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def judge_held_out(
     drop_outliers(prepared, alone)
 
     cloth = _cloth_of(found.final)
-    own = _of_its_own(prepared, cloth, effects, np.flatnonzero(fitted), say)
+    own = _of_its_own(prepared, cloth, effects, np.flatnonzero(fitted), say, same_rig=same_rig)
     values = {key.name: value for key, value in own.values.items()}
     full = _predicted(prepared, {**cloth, **values})
     renew_noise(prepared, full)
@@ -141,11 +145,14 @@ def _of_its_own(
     effects: Sequence[Effect],
     frames: NDArray[np.intp],
     say: Callable[[str], None],
+    *,
+    same_rig: bool,
 ) -> Regression:
     """What a specimen of a known cloth has of its own, by some of its frames."""
     some = replace(prepared, data=prepared.data.of_frames(frames))
     specimen = some.data.specimen
-    own = [e for e in with_fields(effects, [specimen.test], several=True) if not e.shared]
+    usable = with_fields(effects, [specimen.test], several=True)
+    own = [e for e in usable if not (e.shared or (same_rig and e.of_rig))]
     coordinates = Coordinates.of(own, [specimen.nulls()], known=cloth)
     null = np.concatenate([g.null for g in coordinates.groups])
     best = most_probable([some], coordinates, null, null, say, Pace())

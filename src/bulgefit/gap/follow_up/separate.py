@@ -12,7 +12,7 @@ from bulgefit.effects.parameter import Key
 from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.explanation import Known
 
-__all__ = ["STIFFNESS", "Pair", "cosine_matrix", "indistinguishable", "norms_left"]
+__all__ = ["STIFFNESS", "Pair", "cosine_matrix", "indistinguishable"]
 
 Floats = NDArray[np.float64]
 
@@ -30,8 +30,8 @@ class Pair:
     cosine: float
 
 
-def _projected(known: Known, keys: Sequence[Key]) -> tuple[Floats, Floats]:
-    """Normal matrix of `keys` with the moduli projected out, and their norms before.
+def _projected(known: Known, keys: Sequence[Key]) -> Floats:
+    """Normal matrix of `keys` with the moduli projected out.
 
     And with what specimens scatter by, which together may go against the moduli.
     """
@@ -40,14 +40,8 @@ def _projected(known: Known, keys: Sequence[Key]) -> tuple[Floats, Floats]:
     index = [known.keys.index(k) for k in keys]
     whole = h[np.ix_(index, index)]
     across = h[np.ix_(base, index)]
-    left = whole - across.T @ np.linalg.pinv(h[np.ix_(base, base)], hermitian=True) @ across
-    return left, np.sqrt(np.maximum(np.diag(whole), 1e-300))
-
-
-def norms_left(known: Known, keys: Sequence[Key]) -> dict[Key, float]:
-    """Share of each signature's norm that the moduli cannot absorb."""
-    left, before = _projected(known, keys)
-    return dict(zip(keys, (np.sqrt(np.maximum(np.diag(left), 0.0)) / before).tolist(), strict=True))
+    inner = np.linalg.pinv(h[np.ix_(base, base)], hermitian=True)
+    return np.asarray(whole - across.T @ inner @ across)
 
 
 def _first_groups(known: Known) -> dict[str, list[Key]]:
@@ -67,7 +61,7 @@ def cosine_matrix(known: Known) -> tuple[list[str], Floats]:
     groups = _first_groups(known)
     names = list(groups)
     keys = [k for group in groups.values() for k in group]
-    left, _ = _projected(known, keys)
+    left = _projected(known, keys)
     roots, first = [], 0
     for group in groups.values():
         part = slice(first, first + len(group))

@@ -26,11 +26,8 @@ MODEL_FLOOR = 0.2
 #: Share of the variance that may persist from frame to frame: the square of what the corrected
 #: model may miss by.
 PERSISTENT = 0.3**2
-#: Degree of the polynomials in x and y that make up the smooth part of a residual.
-SMOOTH_DEGREE = 5
-#: Standard errors of a persistent share that are put down to chance, of all that is left and of
-#: its smooth part. Noise goes beyond three in 0.1 % of cases.
-CHANCE, SMOOTH_CHANCE = 4.0, 3.0
+#: Standard errors of a persistent share that are put down to chance.
+CHANCE = 4.0
 #: Chance that noise alone looks like structure.
 LEVEL = 1e-3
 #: Products below which nothing is said of them.
@@ -107,11 +104,6 @@ class Structure:
         Largest share of a test's noise variance that persists from frame to frame, and what noise
         and the model's own floor stay under. Noise is drawn anew for each frame; what the model
         misses is not, however fine it is in space.
-    smooth, by_chance : float
-        The persistent share of what is smooth in space (of the whole noise variance, too), and
-        what noise stays under; of the test that is furthest beyond. Few modes hold little noise,
-        so this shows weaker patterns; nothing is granted to the model's error. An offset of every
-        point takes nearly all of that away: beside one, the share of all that is left counts.
     cells : list of Cell
         Largest significance first.
     """
@@ -121,38 +113,33 @@ class Structure:
     threshold: float
     persistent: float
     allowed: float
-    smooth: float
-    by_chance: float
     cells: list[Cell]
 
 
 def structure(data: Sequence[Data], fit: Predicted) -> Structure:
-    """Test the regional means of the residual against correlated noise."""
+    """Test the regional means of the residual against correlated noise, by the trust in each frame.
+
+    What parameters take off only lessens the sum of squared significances. How much of it they do
+    is not known by their number: most of a field's bumps are finer than the regions are.
+    """
     cells: list[Cell] = []
-    shares, smooth_shares = [], []
+    shares = []
     for index, (d, p) in enumerate(zip(data, fit.predictions, strict=True)):
         residual = (d.specimen.measured - p.displacement) / d.sigma
         residual = np.where(d.used, residual, np.nan)
         cells += cells_of(d, residual)
+        residual *= d.share[:, None, None]
         residual = residual[np.argsort(d.specimen.recorded, kind="stable")]
         # an offset of every point takes away what persists of the noise as well
-        offsets = has_offsets(fit.keys, index)
-        of_noise = 0.0 if offsets else d.persistent
+        of_noise = 0.0 if has_offsets(fit.keys, index) else d.persistent
         shares.append(_persistent(d, residual, of_noise))
-        smooth_shares.append(
-            _beside_offsets(d, residual) if offsets else _smooth(d, residual, of_noise)
-        )
     persistent, allowed = max(shares, key=lambda pair: pair[0] - pair[1])
-    smooth, by_chance = max(smooth_shares, key=lambda pair: pair[0] - pair[1])
     z = np.array([c.significance for c in cells])
     statistic = float((z**2).sum())
-    freedom = max(len(z) - len(fit.keys), 1)
-    threshold = float(chi2.ppf(1 - LEVEL, freedom))
+    threshold = float(chi2.ppf(1 - LEVEL, max(len(z), 1)))
     cells.sort(key=lambda c: -abs(c.significance))
     significant = statistic > threshold or persistent > allowed
-    return Structure(
-        significant, statistic, threshold, persistent, allowed, smooth, by_chance, cells
-    )
+    return Structure(significant, statistic, threshold, persistent, allowed, cells)
 
 
 def _persistent(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]:
@@ -160,47 +147,12 @@ def _persistent(data: Data, ordered: Floats, of_noise: float) -> tuple[float, fl
 
     Noise itself persists by the share `of_noise`.
     """
-    product = _products(ordered)
+    product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
+    product = product[np.isfinite(product)]
     if len(product) < _FEW:
         return 0.0, 1.0
     chance = CHANCE * float(np.sqrt(data.inflation / len(product)))
     return float(product.mean()), of_noise + PERSISTENT + chance
-
-
-def _products(ordered: Floats) -> Floats:
-    """Of neighbouring frames' residuals (noise units), where both are known."""
-    product = np.clip(ordered[1:], -5.0, 5.0) * np.clip(ordered[:-1], -5.0, 5.0)
-    return np.asarray(product[np.isfinite(product)])
-
-
-def _beside_offsets(data: Data, ordered: Floats) -> tuple[float, float]:
-    """Mean product beyond what offsets of points leave of the noise's, and chance's limit.
-
-    Taking Σt²n/Σt² off the noise n of a point, of variance 1/t² where t is the trust in the frame,
-    leaves E[n_f n_g] = -1/Σt². Products are correlated by the square of the noise's correlation ρ,
-    and 2 Σρ² < Σρ over the other points (`bulgefit.dic.noise`: ρ falls with exp(-d/length) or
-    faster).
-    """
-    product = _products(ordered)
-    if len(product) < _FEW:
-        return 0.0, 1.0
-    taken = 1.0 / float((data.share**2).sum())
-    inflation = 0.5 * (1.0 + data.inflation)
-    return float(product.mean()) + taken, SMOOTH_CHANCE * float(np.sqrt(inflation / len(product)))
-
-
-def _smooth(data: Data, ordered: Floats, of_noise: float) -> tuple[float, float]:
-    """As `_persistent`, of the part that polynomials over the specimen follow."""
-    x, y = data.specimen.reference[:, :2].T / data.specimen.test.radius
-    orders = [(i, n - i) for n in range(SMOOTH_DEGREE + 1) for i in range(n + 1)]
-    basis, _ = np.linalg.qr(np.stack([x**i * y**j for i, j in orders], axis=1))
-    modes = np.einsum("nk,fnc->fkc", basis, np.nan_to_num(ordered))
-    product = modes[1:] * modes[:-1]
-    per_point = basis.shape[1] / len(basis)
-    # noise that is correlated in space gathers in smooth modes
-    noise = data.inflation * per_point
-    chance = SMOOTH_CHANCE / float(np.sqrt(product.size))
-    return float(product.mean()) * per_point, noise * (of_noise + chance)
 
 
 def cells_of(data: Data, residual: Floats) -> list[Cell]:
@@ -211,6 +163,7 @@ def cells_of(data: Data, residual: Floats) -> list[Cell]:
     sector = (np.round(np.arctan2(y, x) * SECTORS / (2 * np.pi)).astype(int)) % SECTORS
     order = np.argsort(np.argsort(specimen.recorded))
     band = order * BANDS // len(order)
+    trusted = residual * data.share[:, None, None]
     whole = float(np.nansum(residual**2))
     cells = []
     for low, high, ring in RINGS:
@@ -222,13 +175,13 @@ def cells_of(data: Data, residual: Floats) -> list[Cell]:
                 frames = band == b
                 if not frames.any() or not points.any():
                     continue
-                part = residual[np.ix_(frames, points)]
+                part, counted = residual[np.ix_(frames, points)], trusted[np.ix_(frames, points)]
                 bars = 10.0 * specimen.recorded[frames]
                 for c, name in enumerate(_NAMES):
-                    values = part[..., c][np.isfinite(part[..., c])]
+                    known = np.isfinite(part[..., c])
+                    values = part[known, c]
                     if len(values) < 5:
                         continue
-                    mean = float(values.mean())
                     error = np.sqrt(data.inflation / len(values) + MODEL_FLOOR**2)
                     cells.append(
                         Cell(
@@ -236,9 +189,9 @@ def cells_of(data: Data, residual: Floats) -> list[Cell]:
                             name,
                             ring if s is None else f"{ring} {360 * s // SECTORS}°",
                             (float(bars.min()), float(bars.max())),
-                            mean * float(data.sigma[c]),
+                            float(values.mean()) * float(data.sigma[c]),
                             float((values**2).sum() / whole) if whole else 0.0,
-                            float(mean / error),
+                            float(counted[known, c].mean() / error),
                         )
                     )
     return cells
