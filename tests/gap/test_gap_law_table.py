@@ -50,7 +50,7 @@ def table(seen, fit) -> LawTable:
 
 def test_the_law_is_told_and_so_are_its_errors(table: LawTable, fit: Regression) -> None:
     """N = t E (e + k e²), whose derivatives by E and k are closed."""
-    strain, covariance = table.strain, fit.covariance()
+    strain, covariance = table.strain, fit.covariance
     assert set(SECANTS) <= {*strain.tolist()}
     assert table.bent
     for axis, (modulus, gain) in enumerate((("E1", "k_x"), ("E2", "k_y"))):

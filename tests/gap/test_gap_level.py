@@ -46,7 +46,7 @@ def level_of(fit: Regression) -> Level:
 def test_its_errors_are_those_of_draws_from_the_posterior(fit: Regression) -> None:
     """Of moduli times the field where it is the median, which moves as much as either."""
     level, rng = level_of(fit), np.random.default_rng(3)
-    away = rng.multivariate_normal(np.zeros(len(fit.columns)), fit.covariance(), 20000)
+    away = rng.multivariate_normal(np.zeros(len(fit.columns)), fit.covariance, 20000)
     row = np.array([level.slopes.get(key, 0.0) for key in fit.columns])
     along = np.exp(away @ row + level.error * rng.normal(size=len(away)))
     own = {p.name: 0.0 for p in FIELD.parameters} | {"b60": TRUTH["stiffness_field.b60"]}

@@ -39,7 +39,7 @@ def modes(
     shape = data.specimen.measured.shape
     at_rest = Prediction(np.zeros(shape), np.zeros((0, *shape)), None)
     normal = normal_equations([data], [at_rest], ())
-    fit = Regression((), {}, normal, [at_rest], [None], converged=True)
+    fit = Regression((), {}, normal, [at_rest], [None], converged=True, covariance=np.zeros((0, 0)))
     return {(m.component, m.order): m for m in azimuthal_modes([data], fit)}
 
 

@@ -30,6 +30,7 @@ class Told:
     def columns(self) -> tuple[Key, ...]:
         return tuple(self.values)
 
+    @property
     def covariance(self) -> np.ndarray:
         """The posterior under the fit's prior: moduli are known up to what factors may take."""
         columns = list(self.columns)
@@ -47,7 +48,7 @@ class Told:
         return np.linalg.inv(logs) * np.outer(by, by)
 
     def standard_errors(self) -> dict[Key, float]:
-        return dict(zip(self.columns, np.sqrt(np.diag(self.covariance())), strict=True))
+        return dict(zip(self.columns, np.sqrt(np.diag(self.covariance)), strict=True))
 
 
 def told(logs: np.ndarray, error: float = 0.003) -> Told:

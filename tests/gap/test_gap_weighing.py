@@ -18,7 +18,7 @@ from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
 from bulgefit.gap.evidence.laplace import laplace
-from bulgefit.gap.evidence.outcome import regression_of, seen_by
+from bulgefit.gap.evidence.outcome import posterior, regression_of, seen_by
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.temper import loudest, taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing, _balanced
@@ -238,6 +238,39 @@ def test_a_regression_of_a_fit_has_the_posteriors_errors(data: Data) -> None:
     # what the data hardly say of is known by its prior, held out or not
     assert max(errors[k] for k in found.keys if k.effect == "stiffness_field") < 0.15
     assert found.held_out() < 1.3 * found.normal.noise
+
+
+def test_beside_offsets_errors_are_the_posteriors_too(data: Data) -> None:
+    """Not as if each point's offset were free; a specimen without any has none taken off."""
+    both, plain = [data, data], weighing_of([data, data])[0]
+    sizes = np.array([0.004, 0.004, 0.008])
+    creases = [Creases.of(data, size, 20.0) for size in (sizes, 0.0 * sizes)]
+    weighing, layout = Weighing(both, plain.coordinates, creases), Layout.of(plain.groups)
+    start = np.array(layout.null)
+    start[:3] = np.log([320.0, 200.0, 25.0])
+    model = freeze({Owned(n, i): 0 for n in ("clamp_slip", "rigid_motion") for i in (0, 1)})
+    fit = descend(weighing, layout, model, start)
+    found = regression_of(weighing, fit, posterior(weighing, fit))
+    sd = np.sqrt(np.diag(fit.covariance))
+    np.testing.assert_allclose(list(found.standard_errors().values())[3:], sd[3:], rtol=1e-9)
+    assert found.offsets[0] is not None
+    assert found.offsets[1] is None
+
+
+def test_a_misfit_counts_in_all_directions(data: Data) -> None:
+    """The noise's variances times its excess; of what the data hardly say, the prior's."""
+    weighing, layout = weighing_of([data])
+    model = layout.whole([Owned(n) for n in ("clamp_slip", "stiffness_field")])
+    fit = descend(weighing, layout, model, near_the_truth(weighing, layout), roughly=True)
+    misfits = weighing.beside_misfit(weighing.linearise(fit.x, fit.here.columns)).misfits
+    beside = Weighing([data], weighing.coordinates, misfits=misfits, excess=4.0)
+    found, width = posterior(beside, fit), layout.width[fit.here.columns]
+    exact = np.linalg.inv(fit.here.hessian / 4.0 + np.diag(width**-2))
+    np.testing.assert_allclose(np.diag(found), np.diag(exact), rtol=1e-3)
+    assert (np.sqrt(np.diag(found)) <= width * (1 + 1e-9)).all()
+    assert regression_of(beside, fit, found).standard_errors()[MODULI[0]] == pytest.approx(
+        np.exp(fit.x[0]) * np.sqrt(found[0, 0])
+    )
 
 
 def test_a_regression_keeps_no_derivatives(data: Data) -> None:

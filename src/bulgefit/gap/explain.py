@@ -19,7 +19,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.descend import Fit
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import posterior, regression_of
 from bulgefit.gap.evidence.probability import SURE, Weighed, weighed
 from bulgefit.gap.evidence.problem import Layout, Model
 from bulgefit.gap.evidence.search import Search
@@ -33,6 +33,7 @@ from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
+from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.memory import give_back
 
 __all__ = ["START", "explain"]
@@ -91,7 +92,7 @@ def explain(
     search, weighing, fit = best.search, best.weighing, best.fit
     layout, coordinates, offsets = search.layout, search.problem.coordinates, weighing.offsets
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])
-    final = regression_of(weighing, fit)
+    final = regression_of(weighing, fit, posterior(weighing, fit))
     bare = Weighing(whole, coordinates, offsets)
     tempered = temper(whole, final.predictions, taken_up(bare, fit, layout))
     # beside a misfit of its own covariance nothing of it is left
@@ -110,14 +111,16 @@ def explain(
     found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
     if offsets is not None:
         say("the model without offsets")
-        creases = Owned(CREASES)
-        keys[creases] = offsets_of_points(len(whole))
         smooth = weighing.smooth()
         rest = refitted(smooth, layout, fit.model, fit.x, fit.here.near)
         chance = float(expit(0.5 * best.creases_worth / tempered))
         without_creases = None if rest is None else regression_of(smooth, rest)
-        evidence[creases] = Evidence(chance, (), without_creases, {})
-        found_fields.append(FoundField(creases, _creases(whole, final)))
+        for key in offsets_of_points(len(whole)):
+            if (offset := final.offsets[key.specimen or 0]) is not None:
+                creases, specimen = Owned(CREASES, key.specimen), whole[key.specimen or 0].specimen
+                keys[creases] = (key,)
+                evidence[creases] = Evidence(chance, (), without_creases, {})
+                found_fields.append(FoundField(creases, _creases(specimen, offset)))
     return Explanation(
         baseline=baseline,
         final=final,
@@ -140,11 +143,9 @@ def _with_moduli(null: Floats, moduli: Mapping[Key, float]) -> Floats:
     return x
 
 
-def _creases(data: Sequence[Data], final: Regression) -> Sampled:
-    """Sizes of the offsets of the first specimen's points, where they are."""
-    offset = final.offsets[0]
-    assert offset is not None
-    x, y = data[0].specimen.reference[:, :2].T
+def _creases(specimen: Specimen, offset: Floats) -> Sampled:
+    """Sizes of the offsets (n, 3) mm of a specimen's points, where they are."""
+    x, y = specimen.reference[:, :2].T
     return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
 
 

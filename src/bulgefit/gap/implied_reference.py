@@ -71,7 +71,7 @@ def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
     above = over @ height[seen]
     row = over[apex]
     by = slopes[:, seen] @ row
-    covariance = final.covariance()[np.ix_(places, places)]
+    covariance = final.covariance[np.ix_(places, places)]
     square = by @ covariance @ by + (row**2 * variance[seen]).sum()
     stderr = float(np.sqrt(square)) if slopes.any() else None
     return ImpliedReference(

@@ -123,7 +123,7 @@ def law_table(data: Sequence[Data], final: Regression, level: Level) -> LawTable
     resultant = told(final.values)
     rows[len(keys) :] = np.multiply.outer(list(level.slopes.values()), resultant)
     place = [final.columns.index(k) for k in (*keys, *level.slopes)]
-    covariance = final.covariance()[np.ix_(place, place)]
+    covariance = final.covariance[np.ix_(place, place)]
     variance = np.einsum("iak,ij,jak->ak", rows, covariance, rows)
     variance += (level.error * resultant) ** 2
     _, fabric = cloth_law(_with_ratio(data[0], of_the_cloth(final.values)), specimen.nulls())

@@ -52,7 +52,7 @@ class Level:
         """Standard errors (MPa) of the moduli times the level, by the delta method."""
         if not self.slopes:
             return {m: self.value * error for m, error in modulus_errors(fit).items()}
-        covariance, row = fit.covariance(), np.zeros(len(fit.columns))
+        covariance, row = fit.covariance, np.zeros(len(fit.columns))
         for key, slope in self.slopes.items():
             row[fit.columns.index(key)] = slope
         out = {}

@@ -47,10 +47,10 @@ class Regression:
     offsets : list of (points, 3) array or None
         Where an offset of every point is freed (mm).
     converged : bool
+    covariance : (P, P) array
+        Of the parameters with derivatives, correlated noise and misfit included.
     held : bool
         G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
-    excess : float
-        Variance of what errs smoothly over the noise's: above 1 where the model misses something.
     """
 
     keys: tuple[Key, ...]
@@ -59,8 +59,8 @@ class Regression:
     predictions: list[Prediction]
     offsets: list[Floats | None]
     converged: bool
+    covariance: Floats
     held: bool = False
-    excess: float = 1.0
 
     @property
     def columns(self) -> tuple[Key, ...]:
@@ -76,16 +76,9 @@ class Regression:
         """The misfit of what is held out; see `NormalEquations.held_out`."""
         return self.normal.held_out()
 
-    def covariance(self) -> Floats:
-        """Of the parameters with derivatives, correlated noise and misfit included, (P, P)."""
-        hessian = self.normal.whole.hessian
-        scale = scales(hessian)
-        inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-        return self.excess * inverse * np.outer(scale, scale)
-
     def standard_errors(self) -> dict[Key, float]:
         """Of the parameters with derivatives."""
-        return dict(zip(self.columns, np.sqrt(np.diag(self.covariance())), strict=True))
+        return dict(zip(self.columns, np.sqrt(np.diag(self.covariance)), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +141,16 @@ def regress(
         [Prediction(p.displacement, p.derivative[:0].copy(), p.shapes) for p in here.predictions],
         [None] * len(data),
         converged,
+        _inverse(here.normal.whole.hessian),
         _is_held(keys, here.values, bounds),
     )
+
+
+def _inverse(hessian: Floats) -> Floats:
+    """Of a normal matrix in any units; none along what the data do not determine."""
+    scale = scales(hessian)
+    inverse = np.linalg.pinv(hessian * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    return np.asarray(inverse * np.outer(scale, scale))
 
 
 def _descended(

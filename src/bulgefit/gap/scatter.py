@@ -72,7 +72,7 @@ def of_the_cloth(values: Mapping[Key, float]) -> dict[Key, float]:
 def modulus_errors(fit: Regression) -> dict[Key, float]:
     """Standard errors (MPa) of the moduli of `of_the_cloth`."""
     errors = fit.standard_errors()
-    values, covariance = of_the_cloth(fit.values), fit.covariance()
+    values, covariance = of_the_cloth(fit.values), fit.covariance
     out = {m: errors[m] for m in MODULI}
     for modulus, factor in AXES.items():
         keys = _factors(fit.columns, factor)
@@ -105,7 +105,7 @@ def _scatter(final: Regression, keys: Sequence[Key]) -> Scatter:
     place = [final.columns.index(k) for k in keys]
     logs = np.log([final.values[k] for k in keys])
     slopes = np.exp(-logs)
-    covariance = final.covariance()[np.ix_(place, place)] * np.outer(slopes, slopes)
+    covariance = final.covariance[np.ix_(place, place)] * np.outer(slopes, slopes)
     # an orthonormal basis of what is left once the mean is taken off
     about = np.linalg.svd(np.eye(len(keys)) - 1.0 / len(keys))[0][:, : len(keys) - 1]
     believed = parameter_of(keys[0]).prior

@@ -13,13 +13,14 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinate
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.heights import height_rows, off_planes, plane_rows
+from bulgefit.gap.evidence.laplace import inverted
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.keys import by_value, names_of, offsets_of_points
+from bulgefit.gap.keys import by_value, has_offsets, names_of, offsets_of_points
 from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, offsets_of
 from bulgefit.gap.regress import Regression
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["Seen", "regression_of", "seen_by"]
+__all__ = ["Seen", "posterior", "regression_of", "seen_by"]
 
 Floats = NDArray[np.float64]
 
@@ -44,24 +45,50 @@ def seen_by(weighing: Weighing, fit: Fit) -> Seen:
     """What a fit predicts of each specimen: all that is asked of most of them."""
     keys, free = _keys(weighing, fit)
     seen = []
-    for d, shapes in zip(weighing.data, fit.here.near, strict=True):
+    for index, (d, shapes) in enumerate(zip(weighing.data, fit.here.near, strict=True)):
         prediction = d.specimen.observe(shapes)
-        seen.append(_slim(prediction, _offset(d, prediction) if free else None))
+        creased = has_offsets(free, index)
+        seen.append(_slim(prediction, _offset(d, prediction) if creased else None))
     return Seen((*keys, *free), seen)
 
 
 def _keys(weighing: Weighing, fit: Fit) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
-    """Of a fit's coordinates, and of the offsets beside them."""
-    every = weighing.coordinates.every
-    free = () if weighing.offsets is None else offsets_of_points(len(weighing.data))
+    """Of a fit's coordinates, and of the offsets beside them, of specimens that have any."""
+    every, creases = weighing.coordinates.every, weighing.offsets
+    free: tuple[Key, ...] = ()
+    if creases is not None:
+        pairs = zip(offsets_of_points(len(creases)), creases, strict=True)
+        free = tuple(key for key, own in pairs if own.sizes.any())
     return tuple(every[c].key for c in fit.here.columns), free
 
 
-def regression_of(weighing: Weighing, fit: Fit) -> Regression:
+def posterior(weighing: Weighing, fit: Fit) -> Floats:
+    """Covariance (p, p) of a fit's coordinates, a misfit counted in all directions.
+
+    What errs may move the values of what does not beyond what a covariance of its own says: beside
+    noise and offsets alone, variances are `Weighing.excess` times as large.
+    """
+    if weighing.misfits is None:
+        return fit.covariance
+    bare = Weighing(weighing.data, weighing.coordinates, weighing.offsets)
+    columns = fit.here.columns
+    hessian = bare.linearise(fit.x, columns, fit.here.near).hessian / weighing.excess
+    width = np.array([weighing.coordinates.every[c].width for c in columns])
+    covariance, _ = inverted(hessian + np.diag(width**-2))
+    return covariance
+
+
+def regression_of(weighing: Weighing, fit: Fit, covariance: Floats | None = None) -> Regression:
     """The regression that ended at a fit.
 
-    Standard errors are the posterior's, of a misfit beside the noise too. A fold that is held out
-    is met with what the others and the priors say.
+    A fold that is held out is met with what the others and the priors say.
+
+    Parameters
+    ----------
+    weighing : Weighing
+    fit : Fit
+    covariance : (p, p) array, optional
+        Of its coordinates, if not as it says (`posterior`).
     """
     every, columns = weighing.coordinates.every, fit.here.columns
     chosen = [every[c] for c in columns]
@@ -73,11 +100,13 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
     normal = normal_equations(weighing.data, predictions, (*keys, *free))
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
     known = _prior(chosen, fit.x[columns], weighing.excess)
-    if not free:
-        known += _heights(weighing.data, predictions, keys)
+    known += _heights(weighing.data, predictions, keys, free)
     offsets = [
-        _offset(d, p) if free else None for d, p in zip(weighing.data, predictions, strict=True)
+        _offset(d, p) if has_offsets(free, index) else None
+        for index, (d, p) in enumerate(zip(weighing.data, predictions, strict=True))
     ]
+    stretch = np.array([_by_coordinate(c, x) for c, x in zip(chosen, fit.x[columns], strict=True)])
+    covariance = fit.covariance if covariance is None else covariance
     return Regression(
         (*keys, *free),
         values,
@@ -85,7 +114,7 @@ def regression_of(weighing: Weighing, fit: Fit) -> Regression:
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
         fit.converged,
-        excess=weighing.excess,
+        covariance * np.outer(stretch, stretch),
     )
 
 
@@ -105,21 +134,29 @@ def _prior(chosen: list[Coordinate], x: Floats, excess: float) -> Floats:
     """[J r]ᵀ[J r] of the priors as data: one value each, the null, by the parameters' values."""
     matrix = np.zeros((len(chosen) + 1, len(chosen) + 1))
     for place, (coordinate, at) in enumerate(zip(chosen, x, strict=True)):
-        value = coordinate.value(at)
-        by_value = coordinate.parameter.by_value(value) / coordinate.parameter.slope(value)
+        by_value = 1.0 / _by_coordinate(coordinate, at)
         row = np.sqrt(excess) / coordinate.width * np.array([by_value, coordinate.null - at])
         here = np.ix_([place, len(chosen)], [place, len(chosen)])
         matrix[here] += np.outer(row, row)
     return matrix
 
 
+def _by_coordinate(coordinate: Coordinate, x: float) -> float:
+    """∂(a parameter)/∂(its coordinate)."""
+    value = coordinate.value(x)
+    return coordinate.parameter.slope(value) / coordinate.parameter.by_value(value)
+
+
 def _heights(
-    data: Sequence[Data], predictions: Sequence[Prediction], keys: Sequence[Key]
+    data: Sequence[Data],
+    predictions: Sequence[Prediction],
+    keys: Sequence[Key],
+    free: Sequence[Key],
 ) -> Floats:
     """[J r]ᵀ[J r] of heights before inflation; offsets of the points would take up most of them."""
     matrix = np.zeros((len(keys) + 1, len(keys) + 1))
     for index, (d, p) in enumerate(zip(data, predictions, strict=True)):
-        if d.heights is not None:
+        if d.heights is not None and not has_offsets(free, index):
             names, places = names_of(keys, index)
             values = p.shapes.values
             rows = off_planes(height_rows(d, values, names), plane_rows(d))

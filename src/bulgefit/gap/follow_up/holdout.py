@@ -21,7 +21,7 @@ from bulgefit.gap.course import most_probable
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, with_fields
-from bulgefit.gap.evidence.outcome import regression_of
+from bulgefit.gap.evidence.outcome import posterior, regression_of
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.keys import is_shared
 from bulgefit.gap.pace import Pace
@@ -156,7 +156,7 @@ def _of_its_own(
     coordinates = Coordinates.of(own, [specimen.nulls()], known=cloth)
     null = np.concatenate([g.null for g in coordinates.groups])
     best = most_probable([some], coordinates, null, null, say, Pace())
-    return regression_of(best.weighing, best.fit)
+    return regression_of(best.weighing, best.fit, posterior(best.weighing, best.fit))
 
 
 def _predicted(prepared: Prepared, values: Mapping[str, float]) -> Floats:
