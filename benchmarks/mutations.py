@@ -59,6 +59,7 @@ EVIDENCE = "gap/test_gap_evidence.py"
 LEVEL = "gap/test_gap_level.py"
 CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
+WEIGHING = "gap/test_gap_weighing.py"
 WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -423,6 +424,26 @@ MUTANTS = (
     Mutant(
         "gap/evidence/improve.py", "best.setdefault(owners.pop()", "best.setdefault(0", EVIDENCE
     ),
+    Mutant("gap/evidence/weighing.py", "own /= np.sqrt(d.inflation)", "own /= 1.0", WEIGHING),
+    Mutant("gap/normal.py", "parts[0] / d.inflation", "parts[0]", WEIGHING),
+    Mutant("gap/data.py", "(1.0 - self.persistent) * apart)", "apart)", WEIGHING),
+    Mutant("gap/evidence/outcome.py", ".hessian / weighing.excess", ".hessian", WEIGHING),
+    Mutant("gap/prepare.py", "shapes.wrinkled > 0.0", "shapes.wrinkled > 0.5", WEIGHING),
+    Mutant("gap/prepare.py", "measured & ~strays", "data.used & ~strays", "gap/test_gap_noise.py"),
+    Mutant("gap/evidence/misfit.py", "/ louder", "/ 1.0", "gap/test_gap_misfit.py"),
+    Mutant(
+        "gap/residual/structure.py",
+        "trusted = residual * data.share[:, None, None]",
+        "trusted = residual",
+        "gap/test_gap_trace.py",
+    ),
+    Mutant(
+        "gap/follow_up/advise.py",
+        "flat @ flat.T / d.inflation",
+        "flat @ flat.T",
+        "gap/test_gap_family.py",
+    ),
+    Mutant("effects/places.py", "if shape != 0.0", "if shape > 0.0", SIGNS),
 )
 
 
