@@ -17,7 +17,7 @@ from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap import apart, course
-from bulgefit.gap.caveats import left_of_the_mesh, left_out
+from bulgefit.gap.caveats import left_of_the_mesh, left_out, of_the_fits
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import CATALOGUE
@@ -305,6 +305,16 @@ def test_too_little_data_is_refused() -> None:
 def test_unknown_effects_list_the_known() -> None:
     with pytest.raises(InputError, match="'clamp_slop' is unknown; did you mean clamp_slip"):
         diagnose(made({}), effects=["clamp_slop"])
+
+
+def test_fits_that_ended_short_of_an_optimum_are_told(offset: Diagnosis) -> None:
+    found = offset.explanation
+    assert of_the_fits(found) == []
+    final = replace(found.final, converged=False)
+    (warning,) = of_the_fits(replace(found, final=final))
+    assert warning.startswith("the descent to the most probable values did not come to its end")
+    (warning,) = of_the_fits(replace(found, baseline=replace(found.baseline, held=True)))
+    assert warning.startswith("with the moduli alone, G12 is an upper limit")
 
 
 def test_a_test_without_time_skips_creep(offset: Diagnosis) -> None:

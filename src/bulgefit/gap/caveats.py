@@ -9,7 +9,7 @@ from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.prepare import Prepared
 
-__all__ = ["held_moduli", "lacked_by", "left_of_the_mesh", "left_out"]
+__all__ = ["lacked_by", "left_of_the_mesh", "left_out", "of_the_fits"]
 
 
 def left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -65,15 +65,21 @@ def left_of_the_mesh(prepared: Sequence[Prepared]) -> list[str]:
     return out
 
 
-def held_moduli(found: Explanation) -> list[str]:
-    """Which of the reported fits ask for a softer shear than the fabric can have."""
-    fits = {"the moduli alone": found.baseline, "the causes": found.final}
-    return [
-        f"with {name}, G12 is an upper limit: the fit asks for a softer one, by which the fabric "
-        "would lose its stability; its standard error says nothing"
-        for name, fit in fits.items()
-        if fit.held
-    ]
+def of_the_fits(found: Explanation) -> list[str]:
+    """Of which fits values and errors are not those of an optimum."""
+    out = []
+    if found.baseline.held:
+        out.append(
+            "with the moduli alone, G12 is an upper limit: the fit asks for a softer one, by which "
+            "the fabric would lose its stability; its standard error says nothing"
+        )
+    if not found.final.converged:
+        out.append(
+            "the descent to the most probable values did not come to its end: values and standard "
+            "errors of the causes are those of where it stood, and the true ones may be further "
+            "away than these say"
+        )
+    return out
 
 
 def lacked_by(kept_out: Prepared, found: Explanation) -> list[str]:

@@ -15,7 +15,7 @@ from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.causes import causes_of, verdict_of
-from bulgefit.gap.caveats import held_moduli, lacked_by, left_of_the_mesh, left_out
+from bulgefit.gap.caveats import lacked_by, left_of_the_mesh, left_out, of_the_fits
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import MODULI, chosen_effects
@@ -176,7 +176,7 @@ def diagnose(
         warnings=[
             *left_out([*prepared, *([kept_out] if kept_out else [])]),
             *left_of_the_mesh(prepared),
-            *held_moduli(found),
+            *of_the_fits(found),
             *unmet,
         ],
     )
