@@ -395,6 +395,18 @@ def test_modes_are_taken_up_by_what_data_determine_and_by_what_is_seen_in_them(d
     assert taken_up(firm, fit, layout) < 1e-3 * count
 
 
+def test_offsets_take_up_what_is_alike_in_all_frames(data: Data) -> None:
+    """21 polynomials by three components, but for what parameters had of them already."""
+    plain, layout = weighing_of([data])
+    model = layout.whole((Owned("clamp_slip"),))
+    fit = descend(plain, layout, model, near_the_truth(plain, layout), roughly=True)
+    for size, expected in ((0.004, 63.0), (0.0, 0.0)):
+        creases = [Creases.of(data, np.full(3, size), 0.0)]
+        creased = Weighing([data], plain.coordinates, creases)
+        more = taken_up(creased, fit, layout) - taken_up(plain, fit, layout)
+        assert more == pytest.approx(expected, abs=4.0)
+
+
 def test_beside_a_misfit_evidence_is_that_of_so_much_more_noise(data: Data) -> None:
     weighing, layout = weighing_of([data])
     noisier, _ = weighing_of([replace(data, sigma=3.0 * data.sigma)])

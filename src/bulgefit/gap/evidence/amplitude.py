@@ -1,6 +1,6 @@
 """How large is a field? The width of its prior by which the data are likeliest.
 
-A field's own width is what such a field may be at most: where it has a small part that an effect
+A field's own width is that of the largest ones that are usual: where it has a small part that an effect
 does too, so wide a prior sees no difference between them. With the width that the evidence finds
 (MacKay, 1992, "Bayesian interpolation", section 4.4) an effect beside it pays for what it takes
 over, and a field that the data do not ask for is none.
@@ -19,7 +19,8 @@ from bulgefit.gap.evidence.problem import Layout, Linearised
 
 __all__ = ["amplitudes"]
 
-#: Factors of a width between which one is looked for: a field a thousandth as large is none.
+#: Factors of a width between which one is looked for: a field a thousandth as large is none, and
+#: nobody has seen one ten times as large.
 _LEAST, _MOST = 1e-3, 1e1
 #: Rounds over the fields of a model, whose sizes depend on each other.
 _ROUNDS = 2

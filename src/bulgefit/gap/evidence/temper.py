@@ -78,11 +78,12 @@ def _shrunk(square: float, number: float) -> float:
 
 
 def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
-    """How many of the residual's smooth modes a fit's coordinates take up.
+    """How many of the residual's smooth modes a fit's coordinates, and its offsets, take up.
 
     trace(Z (JᵀJ + diag(1/s²))⁻¹ Zᵀ), by derivatives J of all values and Z of the modes, and prior
     widths s: of coordinates that the data determine, not their priors, and of these the part that
-    is seen in the modes (MacKay, 1992, "Bayesian interpolation", eq. 4.9, for modes one by one).
+    is seen in the modes (MacKay, 1992, "Bayesian interpolation", eq. 4.9, for modes one by one). An
+    offset of every point takes away what is the same in all frames, each such mode as a whole.
     """
     columns = layout.columns(fit.model)
     here = weighing.linearise(fit.x, columns, fit.here.near)
@@ -94,6 +95,8 @@ def taken_up(weighing: Weighing, fit: Fit, layout: Layout) -> float:
         rows = weighing.of_frames(index, here.rows[index][:-1])
         slopes[np.searchsorted(columns, own)] = _of_modes(d, rows).reshape(len(own), -1)
         found += float((slopes * cho_solve(factor, slopes)).sum())
+        if weighing.offsets is not None and weighing.offsets[index].sizes.any():
+            found += 3.0 * (DEGREE + 1) * (DEGREE + 2) / 2
     return found
 
 
