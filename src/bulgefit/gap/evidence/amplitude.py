@@ -1,9 +1,9 @@
 """How large is a field? The width of its prior by which the data are likeliest.
 
-A field's own width is that of the largest ones that are usual: where it has a small part that an effect
-does too, so wide a prior sees no difference between them. With the width that the evidence finds
-(MacKay, 1992, "Bayesian interpolation", section 4.4) an effect beside it pays for what it takes
-over, and a field that the data do not ask for is none.
+A field's own width is that of the largest ones that are usual: where it has a small part that an
+effect does too, so wide a prior sees no difference between them. With the width that the evidence
+finds (MacKay, 1992, "Bayesian interpolation", section 4.4) an effect beside it pays for what it
+takes over, and a field that the data do not ask for is none.
 """
 
 from __future__ import annotations
