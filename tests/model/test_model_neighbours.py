@@ -101,3 +101,22 @@ def test_effects_by_one_value_more_are_those_by_all_values(name: str, value: flo
     }  # fmt: skip
     found = with_value(active_effects(values, nulls), name, value, nulls)
     assert found == active_effects({**values, name: value}, nulls)
+
+
+@pytest.mark.parametrize("offset", [-0.02, 0.0, 0.1])
+def test_what_is_not_inflated_does_not_move_with_the_gauge(offset: float) -> None:
+    """Along a path as frame by frame: near no pressure at all, shapes change without end."""
+    recorded = np.array([-0.005, 0.0, 0.1])
+    test = BulgeTest.from_arrays(np.zeros((1, 3)), np.zeros((3, 1, 3)), recorded)
+    values = {**MODULI, "pressure_offset.offset": offset}
+    path, frames = (
+        VirtualTest(test, Setup(refine=2, tolerance=1e-5, correct_mesh=False, interpolation=way))
+        .shapes(values, ("pressure_offset.offset",))
+        .derivative["pressure_offset.offset"]
+        for way in ("dense", "none")
+    )
+    rest = recorded - 0.1 * offset <= 0.0
+    assert rest.any()
+    assert not path[rest].any()
+    for along, own in zip(path, frames, strict=True):
+        np.testing.assert_allclose(along, own, atol=1e-3 * np.abs(own).max())

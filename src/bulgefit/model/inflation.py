@@ -219,6 +219,8 @@ class Inflation:
         loads = {name: change.rate for name, change in changes.items() if name not in CONSTANTS}
         if loads:
             by_pressure = self._by_pressure(path, pressure)
+            # as in `balanced`: what is not inflated lies still
+            by_pressure[np.asarray(given.load.balanced) <= 0.0] = 0.0
             derivative |= {n: rate[:, None, None] * by_pressure for n, rate in loads.items()}
         at = np.minimum(np.searchsorted(path.pressure, pressure), len(path.pressure) - 1)
         first = int(np.argmin(path.stable)) if not path.stable.all() else len(path.stable)
