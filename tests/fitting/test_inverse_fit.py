@@ -107,6 +107,27 @@ def test_methods_find_the_same_optimum(make: Maker, setup: Setup) -> None:
         )
 
 
+@pytest.mark.parametrize("larger", [1e-3, 1e4])
+def test_larger_weights_lead_to_the_same_optimum(larger: float, make: Maker, setup: Setup) -> None:
+    """In as many steps, where some points stray: corners are as round whatever their weight."""
+    test = make(noise=0.02, frames=6)
+    seen = test.blocks[0].displacement
+    rng = np.random.default_rng(0)
+    strays = np.where(rng.random(seen.shape) < 0.1, rng.standard_exponential(seen.shape), 0.0)
+    test = BulgeTest.from_arrays(test.blocks[0].reference, seen + strays, test.pressure)
+    one, other = (
+        descend(problem, np.full(3, 0.5))
+        for problem in (
+            Problem(Objective([test], "e_w", setup, weight=[w] * 3), bounds=BOUNDS)
+            for w in (1.0, larger)
+        )
+    )
+    assert [e.value for e in other.history] == pytest.approx(
+        [larger * e.value for e in one.history], rel=1e-9
+    )
+    assert other.reason == one.reason
+
+
 @pytest.mark.parametrize("method", ["Nelder-Mead", "SLSQP"])
 def test_any_scipy_minimiser(method: str, make: Maker, setup: Setup) -> None:
     truth = material("isotropic", E=250, nu=0.24)

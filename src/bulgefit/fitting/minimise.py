@@ -19,7 +19,7 @@ Floats = NDArray[np.floating]
 
 GAUSS_NEWTON = "gauss-newton"
 
-#: Residuals below these parts of the objective weigh alike, one after the other in a step.
+#: Residuals below these parts of their mean size weigh alike, one after the other in a step.
 ROUNDINGS = (1e-1, 1e-2, 1e-3)
 #: Reweightings for each of them.
 ITERATIONS = 12
@@ -254,11 +254,13 @@ class _Model:
     def __init__(self, problem: Problem, at: Evaluation, z: Floats) -> None:
         assert at.slope is not None
         assert at.rows is not None
-        self.z, self.value, self.rows = z, at.value, at.rows
+        self.z, self.rows = z, at.rows
         # weighed by what the data leave, not by the priors' own share of the value
         self.believed, pull = problem.pull(at.rows.value(), z)
         self.linear = at.slope - self.rows.slope() if problem.all_data else pull
         self.base = self.rows.value()
+        # mm, however the components are weighed
+        self.typical = self.base / float(self.rows.scale.sum())
 
     def minimise(self, radius: float) -> tuple[Floats, float]:
         """Step in the trust region and the bounds, and the fall it promises, mm.
@@ -272,7 +274,7 @@ class _Model:
         best, most = step, 0.0
         for rounding in ROUNDINGS:
             for _ in range(ITERATIONS):
-                hessian, gradient = self.rows.normal(step, rounding * self.value)
+                hessian, gradient = self.rows.normal(step, rounding * self.typical)
                 linear = gradient - hessian @ step + self.linear
                 new = _bounded_newton(hessian + self.believed, linear, low, high)
                 moved = float(np.abs(new - step).max())
