@@ -447,7 +447,8 @@ A fit starts from scrambled-Sobol points of the bounds and descends from each by
   least squares. Above 100,000 measured values descents look at a fixed sample of the points; the
   last one, from the best end, takes value and slope from all of them and the curvature alone from
   the sample: its steps end where the slope of all data vanishes, so the optimum is that of all. It
-  stops where no step promises to move a parameter by a hundredth of its standard error.
+  stops where no step promises to move a parameter by a hundredth of its standard error; those
+  before it, where none promises a millionth of the sum.
 - `L-BFGS-B`, or any other scipy minimiser, with the exact gradient where it takes one.
 
 A solve that fails is told to the minimiser as the worst value so far, and counted.
@@ -482,7 +483,7 @@ fitted. [house.md](house.md) lists them.
 `--prior E1=300+-60` says what is believed of a fitted parameter. It joins a likelihood as
 ½ ((v - m)/s)². A sum of absolute deviations F over n values that count is, up to a constant, minus
 the logarithm of a Laplace likelihood of unknown scale, n ln F; so there the prior weighs F/n times
-as much.
+as much, and what falls is F exp(((v - m)/s)²/2n).
 
 ## How sure is a fit?
 

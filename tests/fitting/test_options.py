@@ -9,9 +9,11 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fitting import objective as module
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit
+from bulgefit.fitting.minimise import _Model, descend
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Prior, Problem
@@ -68,6 +70,62 @@ def test_a_belief_beyond_doubt_is_the_answer(name: str, make: Maker, setup: Setu
         test, name, material="isotropic", starts=1, setup=setup, priors={"E": Prior(280.0, 1e-3)}
     )
     assert found.material.values["E"] == pytest.approx(280.0, abs=0.05)
+
+
+def test_a_start_is_drawn_to_what_is_believed_beyond_doubt(make: Maker, setup: Setup) -> None:
+    """From the data's own optimum no way leads there: the objective's numbers would end."""
+    objective = Objective([make(ONE, noise=0.05, frames=8)], "e_w", setup)
+    priors = {"E": Prior(280.0, 1e-3)}
+    problem = Problem(objective, "isotropic", bounds={"E": (100.0, 625.0)}, priors=priors)
+    for point in (0.0, 0.5, 1.0):  # in the middle, 250
+        found = descend(problem, problem.start(np.array([point]))).best
+        assert found.values["E"] == pytest.approx(280.0, abs=0.01)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("name", ["e_w", "e_z", "likelihood"])
+def test_priors_slope_is_that_of_differences(
+    name: str, whole: bool, make: Maker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However far off what is believed lies."""
+    if whole:
+        monkeypatch.setattr(module, "SAMPLE", 1_000)
+    setup = Setup(refine=2, tolerance=1e-6, correct_mesh=False)
+    objective = Objective([make(ONE, noise=0.05, frames=8, points=200)], name, setup)
+    priors = {"E": Prior(230.0, 3.0)}
+    problem = Problem(objective, "isotropic", bounds={"E": (100.0, 500.0)}, priors=priors)
+    problem = problem.on_all_data() if whole else problem
+    z = problem.coordinates({"E": 240.0})
+    step = np.full(1, 1e-5)
+    here, below, above = (problem.evaluate(at, derivatives=True) for at in (z, z - step, z + step))
+    assert here.slope is not None
+    expected = (above.value - below.value) / 2e-5
+    assert here.slope[0] == pytest.approx(expected, rel=2e-3)
+    # and a short step falls by what it promises
+    step, fall = _Model(problem, here, z).minimise(1e-5)
+    there = problem.evaluate(z + step, derivatives=True)
+    assert fall == pytest.approx(here.value - there.value, rel=2e-2)
+
+
+@pytest.mark.parametrize("method", ["gauss-newton", "L-BFGS-B"])
+def test_a_prior_against_the_data_joins_their_likelihood(
+    method: str, make: Maker, setup: Setup
+) -> None:
+    """The optimum is that of n ln F + ½ ((v - m)/s)², by looking at many places."""
+    test = make(ONE, noise=0.3, frames=6, points=60)
+    mean, deviation = 230.0, 2.0
+    options = {"material": "isotropic", "bounds": {"E": (100.0, 500.0)}, "setup": setup}
+    found = fit(
+        test, "e_z", starts=2, method=method, priors={"E": Prior(mean, deviation)}, **options
+    )
+    problem = FitOptions("e_z", **options).problem([test])
+    (noise,) = problem.objective.noise()
+    assert noise is not None
+    places = np.linspace(225.0, 255.0, 301)
+    left = [problem.evaluate(problem.coordinates({"E": place})).value for place in places]
+    counted = problem.objective.count / noise.inflation
+    total = counted * np.log(left) + 0.5 * ((places - mean) / deviation) ** 2
+    assert found.material.values["E"] == pytest.approx(places[np.argmin(total)], abs=0.15)
 
 
 @pytest.mark.parametrize(

@@ -248,7 +248,7 @@ class _Model:
 
     Its curvature may come from a sample of the data, its value and slope are those of all data:
     F + (g - g_sample) d + F_sample(d) - F_sample(0). What is believed beforehand is a quadratic
-    that joins it.
+    that joins it; where it raises F, the fall that is promised is of what is raised.
     """
 
     def __init__(self, problem: Problem, at: Evaluation, z: Floats) -> None:
@@ -257,7 +257,8 @@ class _Model:
         self.z, self.rows = z, at.rows
         # weighed by what the data leave, not by the priors' own share of the value
         self.believed, pull = problem.pull(at.rows.value(), z)
-        self.linear = at.slope - self.rows.slope() if problem.all_data else pull
+        self.raised = problem.raised(z)
+        self.linear = at.slope / self.raised - at.rows.slope() if problem.all_data else pull
         self.base = self.rows.value()
         # mm, however the components are weighed
         self.typical = self.base / float(self.rows.scale.sum())
@@ -285,7 +286,7 @@ class _Model:
             fall = self.base - self.rows.value(step) - added
             if fall > most:
                 best, most = step, fall
-        return best, most
+        return best, self.raised * most
 
 
 def _bounded_newton(hessian: Floats, linear: Floats, low: Floats, high: Floats) -> Floats:

@@ -26,6 +26,8 @@ Floats = NDArray[np.floating]
 
 Of = TypeVar("Of")
 
+#: Exponent of what priors raise a sum of absolute deviations by, before numbers end.
+_LARGEST = 600.0
 #: What the virtual test calls the material's constants.
 _CONSTANTS = ("E1", "E2", "G12", "nu12")
 
@@ -166,7 +168,26 @@ class Problem:
         z = self.coordinates({p.name: self._start_of(p, key) for p, key in pairs})
         low, high = self._box
         z[self.scattered] = low + (high - low) * point
-        return np.clip(z, 0.0, 1.0)
+        return np.clip(z, *self._believable())
+
+    def _believable(self) -> tuple[Floats, Floats]:
+        """Coordinates (free,) between which starts lie: within the bounds.
+
+        And, where priors raise the objective, not so far from their means that numbers end: no
+        optimum lies there.
+        """
+        low, high = np.zeros(self.size), np.ones(self.size)
+        if self.objective.squared or not self.priors:
+            return low, high
+        counted = self.objective.count / self._inflation
+        far = np.sqrt(2.0 * _LARGEST * counted / len(self.priors))
+        for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
+            if (prior := self.priors.get(key)) is not None:
+                away = far * prior.deviation * np.array([-1.0, 1.0])
+                ends = np.clip(prior.mean + away, p.lower, p.upper)
+                along = np.array([p.to_coordinate(float(end)) for end in ends])
+                low[j], high[j] = (along - self._lower[j]) / (self._upper[j] - self._lower[j])
+        return low, high
 
     def keyed(self, z: Floats) -> dict[Key, float]:
         """Free parameters at coordinates z in [0, 1]."""
@@ -259,7 +280,8 @@ class Problem:
             value, slope = self.objective.slope(shapes, names, columns)
         else:
             value, slope = rows.value(), rows.slope()
-        slope = slope + self.pull(value, z)[1] if self.priors else slope
+        if self.priors:
+            slope = (slope + self.pull(value, z)[1]) * self.raised(z)
         return Evaluation(values, self._believed(value, z), "", slope, rows, shapes)
 
     def pull(self, value: float, z: Floats) -> tuple[Floats, Floats]:
@@ -267,7 +289,7 @@ class Problem:
 
         ½ Σ ((v - m)/s)² joins a likelihood as it is. The sum of absolute deviations is, up to a
         constant, minus the logarithm of a Laplace likelihood of unknown scale: n ln F, n values
-        that count; there the priors add F/n times as much.
+        that count; there the priors add F/n times as much, and all of it is `raised`.
         """
         hessian, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         weight = self._weight_of_priors(value)
@@ -280,16 +302,35 @@ class Problem:
                 hessian[j, j] = weight * (by_z / prior.deviation) ** 2
         return hessian, slope
 
+    def raised(self, z: Floats) -> float:
+        """Factor by which the priors raise a sum of absolute deviations and its slope.
+
+        n ln F + ½ q, with q = Σ ((v - m)/s)², falls as F exp(½ q/n) does.
+        """
+        if self.objective.squared or not self.priors:
+            return 1.0
+        exponent = 0.5 * self._squares(z) * self._inflation / self.objective.count
+        return float(np.exp(min(exponent, _LARGEST)))
+
     def _believed(self, value: float, z: Floats) -> float:
+        if self.objective.squared:
+            return value + 0.5 * self._squares(z)
+        return value * self.raised(z)
+
+    def _squares(self, z: Floats) -> float:
+        """Σ ((v - m)/s)² of the priors."""
         values = self.keyed(z)
-        squares = sum(((values[key] - p.mean) / p.deviation) ** 2 for key, p in self.priors.items())
-        return value + 0.5 * squares * self._weight_of_priors(value)
+        return sum(((values[key] - p.mean) / p.deviation) ** 2 for key, p in self.priors.items())
 
     def _weight_of_priors(self, value: float) -> float:
         if self.objective.squared or not self.priors:
             return 1.0
-        inflation = float(np.mean([n.inflation if n else 1.0 for n in self.objective.noise()]))
-        return value * inflation / self.objective.count
+        return value * self._inflation / self.objective.count
+
+    @property
+    def _inflation(self) -> float:
+        """Of the noise, the mean over the tests: so many values count as one."""
+        return float(np.mean([n.inflation if n else 1.0 for n in self.objective.noise()]))
 
     def fall_by(self, part: float, value: float) -> float:
         """What a part of a parameter's standard error changes the objective by at its optimum.
