@@ -107,6 +107,21 @@ def test_priors_slope_is_that_of_differences(
     assert fall == pytest.approx(here.value - there.value, rel=2e-2)
 
 
+@pytest.mark.parametrize("value", [2.0, 9.0])
+def test_a_prior_of_what_acts_through_its_square(value: float, make: Maker, setup: Setup) -> None:
+    """Pulls by the value, however a fit steps in it; its curvature is that of Gauss and Newton."""
+    name, mean, deviation = "dic_smoothing.window", 5.0, 0.5
+    problem = FitOptions(
+        "likelihood", setup=setup, effects=(name,), priors={name: Prior(mean, deviation)}
+    ).problem([make(noise=0.05, frames=8)])
+    z = problem.coordinates({"E1": 300.0, "E2": 200.0, "G12": 20.0, name: value})
+    hessian, slope = problem.pull(1.0, z)
+    step = 1e-5 * np.eye(4)[3]
+    off = [(problem.values(at)[name] - mean) / deviation for at in (z - step, z + step)]
+    assert slope[3] == pytest.approx(np.diff(0.5 * np.square(off))[0] / 2e-5, rel=1e-6)
+    assert hessian[3, 3] == pytest.approx((np.diff(off)[0] / 2e-5) ** 2, rel=1e-6)
+
+
 @pytest.mark.parametrize("method", ["gauss-newton", "L-BFGS-B"])
 def test_a_prior_against_the_data_joins_their_likelihood(
     method: str, make: Maker, setup: Setup

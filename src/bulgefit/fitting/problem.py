@@ -298,6 +298,7 @@ class Problem:
             prior = self.priors.get(key)
             if prior is not None:
                 by_z = p.slope(values[key]) * (self._upper[j] - self._lower[j])
+                by_z /= p.by_value(values[key])
                 slope[j] = weight * (values[key] - prior.mean) / prior.deviation**2 * by_z
                 hessian[j, j] = weight * (by_z / prior.deviation) ** 2
         return hessian, slope
