@@ -20,13 +20,14 @@ from bulgefit.fitting.fit import fit, stability
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.minimise import Descent, Limits, descend
 from bulgefit.fitting.multistart import starting_points
-from bulgefit.fitting.objective import Objective, TestParts
+from bulgefit.fitting.objective import Objective, TestParts, displacement_weight
 from bulgefit.fitting.options import FitOptions
 from bulgefit.fitting.problem import Evaluation, Problem
 from bulgefit.fitting.quality import Quality, Warned
 from bulgefit.fitting.result import FitResult, Stability
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import free_parameters, material
+from bulgefit.model.predict import predict
 from bulgefit.model.setup import Setup
 
 Maker = Callable[..., BulgeTest]
@@ -355,6 +356,30 @@ def test_crossval_fits_the_others_and_judges_the_one_left_out(make: Maker, setup
     assert found["standard_deviation"] == pytest.approx(np.std(scores, ddof=1))
     with pytest.raises(InputError, match="needs two tests or more, got 1"):
         crossval(tests[:1], setup=setup)
+
+
+def test_crossval_of_two_passes_on_what_both_have(make: Maker, setup: Setup) -> None:
+    """What is held, and the cloth's own; not the other specimen's fitted offset."""
+    blank = make(frames=6, points=60)
+    truth = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    held = {"initial_shape.h0": 2.0}
+    tests = []
+    for name, offset in (("a", 0.02), ("b", -0.03)):
+        effects = held | {"pressure_offset.offset": offset}
+        seen = predict(blank, truth, effects=effects, setup=setup).displacement
+        reference = blank.blocks[0].reference
+        tests.append(BulgeTest.from_arrays(reference, seen, blank.pressure, name=name))
+    free = ("pressure_offset", "nonlinear_material.k_x")
+    found = crossval(tests, bounds=BOUNDS, held=held, effects=free, starts=1, setup=setup)
+    for left_out, fold in zip(tests, found["folds"], strict=True):
+        parameters = fold["parameters"]
+        moduli = {name: value for name, value in parameters.items() if "." not in name}
+        shared = held | {free[1]: parameters[free[1]]}
+        weight = displacement_weight(tests)
+        judged = evaluate(left_out, moduli, effects=shared, weight=weight, setup=setup)
+        assert abs(parameters["pressure_offset.offset"]) > 0.01
+        for key, value in fold["left_out_objectives"].items():
+            assert value == pytest.approx(judged[key], rel=1e-9)
 
 
 def test_crossval_goes_on_where_the_test_left_out_has_no_equilibrium(

@@ -12,7 +12,8 @@ import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
-from bulgefit.effects.parameter import Key, of_specimen
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import effect_named
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.evaluate import evaluate
@@ -132,13 +133,19 @@ def _fold(
     with one_blas_thread():
         last = polished(problem, problem.coordinates(best.values), options).best
     material = problem.material(problem.coordinates(last.values))
-    shared = problem.effects(problem.coordinates(last.values))
+    effects = problem.effects(problem.coordinates(last.values))
+    # of two tests the other's own keys name no specimen, as what is shared
+    of_all = {
+        key.name: value
+        for key, value in effects.items()
+        if key in problem.held_effects or effect_named(key.effect).shared
+    }
     judged: Mapping[str, Any]
     try:
         judged = evaluate(
             left_out,
             material,
-            effects=of_specimen(shared, None),
+            effects=of_all,
             weight=options.weight,
             average=options.average,
             setup=options.setup,
@@ -148,7 +155,7 @@ def _fold(
         judged = dict.fromkeys(OBJECTIVES)
     return {
         "left_out": left_out.name,
-        "parameters": {**material.values, **{str(key): v for key, v in shared.items()}},
+        "parameters": {**material.values, **{str(key): v for key, v in effects.items()}},
         "at_bound": [p.name for p in problem.free if bounded(p, last.values[p.name])],
         "training": {"objective": problem.objective.name, "value": last.value},
         "left_out_objectives": {k: judged[k] for k in OBJECTIVES},
