@@ -447,8 +447,8 @@ A fit starts from scrambled-Sobol points of the bounds and descends from each by
   least squares. Above 100,000 measured values descents look at a fixed sample of the points; the
   last one, from the best end, takes value and slope from all of them and the curvature alone from
   the sample: its steps end where the slope of all data vanishes, so the optimum is that of all. It
-  stops where no step promises to move a parameter by a hundredth of its standard error; those
-  before it, where none promises a millionth of the sum.
+  stops where no step promises to move a parameter by a hundredth of its standard error, as refits
+  of a bootstrap do; those before it, where none promises a millionth of the sum.
 - `L-BFGS-B`, or any other scipy minimiser, with the exact gradient where it takes one.
 
 A solve that fails is told to the minimiser as the worst value so far, and counted.

@@ -11,6 +11,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fitting import objective as module
 from bulgefit.fitting.bootstrap import Bootstrap, _drawn, bootstrap
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.objective import Objective
@@ -50,6 +51,18 @@ def test_workers_do_not_change_a_bit(make: Maker, setup: Setup) -> None:
     assert away.to_dict() == one.to_dict()
     assert bootstrap(found, tests, replicates=6, seed=4).to_dict() != one.to_dict()
     assert bootstrap(found, tests, replicates=3, seed=3).values.tolist() == one.values[:3].tolist()
+
+
+def test_refits_are_to_all_data(make: Maker, setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sample that descents look at changes neither their middle nor their width."""
+    test = make(noise=0.05, points=1_000, frames=10)
+    found = fit(test, bounds=BOUNDS, starts=1, setup=setup)
+    whole = bootstrap(found, test, replicates=5).values
+    monkeypatch.setattr(module, "SAMPLE", 3_000)
+    sampled = bootstrap(found, test, replicates=5).values
+    for j, error in enumerate(found.uncertainty.noise_stderr.values()):
+        assert error is not None
+        np.testing.assert_allclose(sampled[:, j], whole[:, j], atol=0.5 * error)
 
 
 @pytest.mark.parametrize("average", ["points", "frames"])

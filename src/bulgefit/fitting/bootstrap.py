@@ -175,7 +175,8 @@ class _Refits:
     """The problem of each replicate, made when it is asked for: they share all but weights."""
 
     def __init__(self, base: Problem, seed: int, block: int) -> None:
-        self.base, self.seed, self.block = base, seed, block
+        # a fixed sample of the points would add an error of its own, the same in every refit
+        self.base, self.seed, self.block = base.on_all_data(), seed, block
 
     def __getitem__(self, index: int) -> Problem:
         rng = np.random.default_rng([self.seed, index])
