@@ -186,6 +186,19 @@ def test_the_truth_has_no_deviation(make: Callable[..., BulgeTest], setup: Setup
     assert found["e"] < 3e-4  # the tolerance of the dense output
 
 
+def test_ratios_that_differ_are_asked_for(make: Callable[..., BulgeTest], setup: Setup) -> None:
+    tests = [make(name="a"), make(name="b", poisson_ratio=0.4)]
+    moduli = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    for given in (moduli, {"E": 250.0}):
+        with pytest.raises(InputError, match=r"different Poisson ratios \(0\.24, 0\.4\)"):
+            evaluate(tests, given, setup=setup)
+    told = evaluate(tests, {**moduli, "nu12": 0.24}, setup=setup)
+    assert told["parameters"]["nu12"] == 0.24
+    assert evaluate(tests, {"E": 250.0, "nu": 0.3}, setup=setup)["parameters"]["nu"] == 0.3
+    assert evaluate(tests, {"E": 250.0, "G": 100.0}, setup=setup)["parameters"]["G"] == 100.0
+    assert evaluate(tests[1], moduli, setup=setup)["parameters"]["nu12"] == 0.4
+
+
 def test_rest_costs_what_was_measured(make: Callable[..., BulgeTest], setup: Setup) -> None:
     test = make()
     measured = np.abs(test.blocks[0].displacement).mean(axis=(0, 1))

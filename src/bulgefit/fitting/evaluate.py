@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import of_specimen
 from bulgefit.errors import SolveError
 from bulgefit.fitting.answers import Evaluation
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.fitting.problem import key_among
+from bulgefit.fitting.problem import key_among, stated_ratio
 from bulgefit.fitting.result import FORMAT, describe_tests, versions
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, as_effects, as_material
@@ -42,18 +43,25 @@ def evaluate(
     Raises
     ------
     InputError
-        Parameters that are not admissible, or tests that cannot be used.
+        Parameters that are not admissible, tests that cannot be used, or no Poisson's ratio where
+        the tests state different ones.
     SolveError
         The membrane finds no equilibrium.
     """
     objective = _objective(tests, weight, average, setup)
-    made = as_material(material, objective.tests[0].poisson_ratio)
+    made = _of_all(material, objective.tests)
     with one_blas_thread():
         parts = objective.parts(_shapes(objective, made, as_effects(effects)))
     answer = Evaluation({"parameters": dict(made.values), **_payload(objective, parts)})
     if effects:
         answer["effects"] = dict(effects)
     return answer
+
+
+def _of_all(given: Material | Mapping[str, float], tests: Sequence[BulgeTest]) -> Material:
+    """A material; of the Poisson's ratio that all tests state, where it needs one."""
+    needs = isinstance(given, Mapping) and not {"nu12", "nu", "G"} & set(given)
+    return as_material(given, stated_ratio(tests) if needs else tests[0].poisson_ratio)
 
 
 def _shapes(objective: Objective, material: Material, effects: Mapping[str, float]) -> list[Shapes]:
