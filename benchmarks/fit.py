@@ -503,7 +503,8 @@ summed in two ways:
 
 The larger of the two is told, both where they differ by more than a fifth. To its square come those
 of what is left of the mesh's error, and of what `--uncertainty thickness=0.02` (also radius,
-pressure, nu12) states, each by what it moves the optimum (`stderr_parts`). Intervals are Student's
+pressure, nu12) states, each by what it moves the optimum (`stderr_parts`); a statement that leaves
+no equilibrium is said to be left out, and nu12 cannot be fitted beside it. Intervals are Student's
 in the logarithm of a modulus, with as many degrees of freedom as the sum of squares has
 (Satterthwaite, 1946): few, where few places tell most.
 

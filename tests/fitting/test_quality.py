@@ -100,4 +100,5 @@ def test_every_doubt_can_be_said() -> None:
         "at_bound", "worse_than_undeformed", "explains_little", "other_optimum", "undetermined",
         "no_start_converged", "starts_disagree",
         "too_few_points", "inseparable", "mesh_error_unknown", "mesh_error_large",
+        "stated_unknown",
     ]  # fmt: skip

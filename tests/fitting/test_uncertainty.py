@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fem.mesh import disc
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.minimise import descend
 from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import uncertainty_of
+from bulgefit.model.parameters import material
 from bulgefit.model.setup import Setup
 
 Maker = Callable[..., BulgeTest]
@@ -121,6 +124,58 @@ def test_a_larger_clamp_is_what_a_fit_with_it_finds(make: Maker, setup: Setup) -
     for name in ("E1", "E2"):
         moved = abs(other.material.values[name] - found.material.values[name])
         assert found.uncertainty.parts[name]["radius"] == pytest.approx(moved, rel=0.15)
+
+
+def test_a_mesh_that_is_given_grows_with_the_clamp(make: Maker, setup: Setup) -> None:
+    test = make(noise=0.02, frames=8, points=150)
+    options = {"bounds": BOUNDS, "starts": 1, "uncertainty": {"radius": 0.002}}
+    own, given = (
+        fit(test, setup=one, **options).uncertainty.parts
+        for one in (setup, replace(setup, mesh=disc(100.0, setup.refine)))
+    )
+    for name in TRUTH:
+        assert given[name]["radius"] == pytest.approx(own[name]["radius"], rel=1e-3)
+    study = fit(test, setup=Setup.study(disc(100.0, setup.refine)), **options).uncertainty
+    assert all(part["radius"] > 0.0 for part in study.parts.values())
+
+
+def test_poissons_ratio_of_a_sheet_takes_its_shear_along(make: Maker, setup: Setup) -> None:
+    """As a fit with the other ratio finds: G = E/2(1 + nu)."""
+    test = make(material("isotropic", E=250, nu=0.24), noise=0.01, frames=8, points=150)
+    options = {"objective": "likelihood", "material": "isotropic", "starts": 1, "setup": setup}
+    found = fit(test, uncertainty={"nu12": 0.005}, **options)
+    ends = [fit(test, held={"nu": nu}, **options).material.values["E"] for nu in (0.235, 0.245)]
+    # with the shear modulus held it would be 2.4 % more
+    part = found.uncertainty.parts["E"]["nu12"]
+    assert part == pytest.approx(0.5 * abs(ends[1] - ends[0]), rel=5e-3)
+
+
+def test_what_cannot_be_taken_in_is_said(make: Maker, setup: Setup) -> None:
+    """nu12² may not exceed E1/E2."""
+    test = make(noise=0.02, frames=8, points=150)
+    stated = {"nu12": 0.95, "thickness": 0.01}
+    found = fit(test, bounds=BOUNDS, starts=1, setup=setup, uncertainty=stated)
+    assert found.uncertainty.unknown == ("nu12",)
+    said = [warned.text for warned in found.quality.warnings if warned.code == "stated_unknown"]
+    assert len(said) == 1
+    assert said[0].startswith("the errors are without that of nu12")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"material": "isotropic-EG"}, "E and G are fitted, and Poisson's ratio follows"),
+        ({"free": ("nu12",)}, r"nu12 is fitted; .* \(--prior nu12=MEAN"),
+        ({"material": "isotropic", "free": ("nu",)}, r"nu is fitted; .* \(--prior nu=MEAN"),
+        ({"effects": ("poisson_ratio",)}, r"poisson_ratio\.nu12 is fitted"),
+        ({"held": {"poisson_ratio.nu12": 0.3}}, r"is held in its place; hold nu12"),
+    ],
+)
+def test_a_ratio_that_was_not_given_has_no_error_to_state(
+    options: dict[str, Any], said: str, make: Maker, setup: Setup
+) -> None:
+    with pytest.raises(InputError, match=f"uncertainty of nu12: .*{said}"):
+        fit(make(), starts=1, setup=setup, uncertainty={"nu12": 0.02}, **options)
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,10 @@ class Doubt(Enum):
     MESH_ERROR_LARGE = (
         "what is left of the mesh's error is more than a third of the noise: raise --refine"
     )
+    STATED_UNKNOWN = (
+        "the errors are without that of {name}: as it is stated (--uncertainty), there is no "
+        "equilibrium; state less"
+    )
 
     def of(self, **words: str | float) -> Warned:
         """The doubt about one fit."""
@@ -274,6 +278,8 @@ def _about_errors(
     ]
     if lost:
         yield Doubt.UNDETERMINED.of(names=" and ".join(lost))
+    for name in errors.unknown:
+        yield Doubt.STATED_UNKNOWN.of(name=name)
 
 
 def _about_search(

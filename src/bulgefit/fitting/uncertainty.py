@@ -24,11 +24,16 @@ from scipy.stats import t as student
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import Noise
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import BulgefitError, InputError
+from bulgefit.fem.mesh import Mesh
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.scores import Scores
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import mesh_remainder
+from bulgefit.model.parameters import HELD_BY_DEFAULT, Material
+from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
 __all__ = ["UNCERTAIN", "Uncertainty", "uncertainty_of"]
@@ -63,6 +68,8 @@ class Uncertainty:
         moduli alike, and says nothing of whether they can be told apart.
     mesh_error_mm : list of three floats, or None
         What is left of the mesh's error in dx, dy, dz, the largest of the tests.
+    unknown : tuple of str
+        What was stated to be uncertain and could not be taken in: with it there is no equilibrium.
     """
 
     covariance: Floats
@@ -74,6 +81,7 @@ class Uncertainty:
     correlation: dict[tuple[str, str], float]
     data_correlation: dict[tuple[str, str], float]
     mesh_error_mm: list[float] | None
+    unknown: tuple[str, ...] = ()
 
     def differing(self) -> list[str]:
         """Parameters whose errors by the two estimates differ by more than a fifth."""
@@ -116,9 +124,9 @@ def uncertainty_of(
     Raises
     ------
     InputError
-        Unknown or impossible statements.
+        Unknown or impossible statements, or one of what is fitted itself.
     """
-    _check(stated)
+    _check(problem, stated)
     scores = Scores(problem.objective, problem.columns(z), noises)
     names = problem.names_of_tests()
     for look in problem.objective.looks(shapes, names, sampled=True):
@@ -134,17 +142,29 @@ def uncertainty_of(
     noise, freedom = scores.of_noise(inverse)
     blocks, of_blocks = scores.of_blocks(inverse)
     shifts, mesh = _shifts(problem, z, shapes, scores, inverse, stated)
+    unknown = tuple(name for name in stated if name not in shifts)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
     by_data = _with_deviations(noise, wider)
     covariance = by_data + sum(np.outer(shift, shift) for shift in shifts.values())
     freedom = np.where(np.diag(blocks) > np.diag(noise), of_blocks, freedom)
     quantiles = student.ppf(0.5 + 0.5 * _LEVEL, freedom)
     return _described(
-        problem, z, told, covariance, by_data, noise, blocks, wider, shifts, quantiles, mesh
+        problem,
+        z,
+        told,
+        covariance,
+        by_data,
+        noise,
+        blocks,
+        wider,
+        shifts,
+        quantiles,
+        mesh,
+        unknown,
     )
 
 
-def _check(stated: Mapping[str, float]) -> None:
+def _check(problem: Problem, stated: Mapping[str, float]) -> None:
     for name, size in stated.items():
         if name not in UNCERTAIN:
             raise InputError(
@@ -152,6 +172,31 @@ def _check(stated: Mapping[str, float]) -> None:
             )
         if not 0.0 < size < 1.0:
             raise InputError(f"uncertainty of {name}: give a part between 0 and 1, got {size:g}")
+    if "nu12" in stated:
+        _check_ratio(problem)
+
+
+def _check_ratio(problem: Problem) -> None:
+    """Refuse where nu12 is no number that the fit was given; InputError."""
+    if problem.kind == "isotropic-EG":
+        raise InputError(
+            "uncertainty of nu12: E and G are fitted, and Poisson's ratio follows from them; "
+            "leave it out"
+        )
+    for key in (*problem.keys, *problem.held_effects):
+        if not _is_ratio(key):
+            continue
+        if key in problem.keys:
+            raise InputError(
+                f"uncertainty of nu12: {key} is fitted; say what is believed of it "
+                f"(--prior {key}=MEAN+-DEVIATION)"
+            )
+        raise InputError(f"uncertainty of nu12: {key} is held in its place; hold nu12 (--nu12)")
+
+
+def _is_ratio(key: Key) -> bool:
+    """Whether a parameter is Poisson's ratio: of the material, or an effect's that tests state."""
+    return parameter_named(key.name).null is None if key.effect else key.name in HELD_BY_DEFAULT
 
 
 def _inverse(bread: Floats, free: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
@@ -201,7 +246,7 @@ def _shifts(
         try:
             out[name] = _moved(problem, shapes, scores, inverse, _with_test(problem, z, name, size))
         except BulgefitError:
-            continue
+            continue  # the fit says so
     return out, mesh
 
 
@@ -243,24 +288,37 @@ def _with_corrections(left: Sequence[Floats | None]) -> _Other:
 def _with_test(problem: Problem, z: Floats, name: str, size: float) -> _Other:
     """The model of a test whose radius, pressures or Poisson's ratio are larger by its error."""
     values = problem.of_tests(z)
+    if name == "nu12":
+        moved = _with_ratio(problem.material(z), size)
+        values = [{**own, **moved} for own in values]
 
     def other(i: int, virtual: VirtualTest, _: Shapes) -> tuple[VirtualTest, Shapes]:
-        given, test = dict(values[i]), virtual.test
         if name == "nu12":
-            given["nu12"] = given["nu12"] + size
-            twin = VirtualTest(test, virtual.setup, virtual.threads, virtual.inflation)
+            twin = VirtualTest(virtual.test, virtual.setup, virtual.threads, virtual.inflation)
         else:
-            twin = VirtualTest(_changed(test, name, 1.0 + size), virtual.setup, virtual.threads)
+            twin = VirtualTest(
+                *_changed(virtual.test, virtual.setup, name, 1.0 + size), virtual.threads
+            )
         twin.correction = virtual.correction
-        return twin, twin.shapes(given)
+        return twin, twin.shapes(values[i])
 
     return other
 
 
-def _changed(test: BulgeTest, name: str, factor: float) -> BulgeTest:
+def _with_ratio(material: Material, size: float) -> dict[str, float]:
+    """E1, E2, G12 and nu12 where Poisson's ratio is larger: that of a sheet takes its G along."""
+    ratio = "nu" if material.kind == "isotropic" else "nu12"
+    values = {**material.values, ratio: material.values[ratio] + size}
+    return Material(material.kind, values).constants()
+
+
+def _changed(test: BulgeTest, setup: Setup, name: str, factor: float) -> tuple[BulgeTest, Setup]:
+    """A test of other pressures, or of another clamp with the mesh that is given, as wide."""
     if name == "pressure":
-        return replace(test, pressure=test.pressure * factor)
-    return replace(test, radius=test.radius * factor)
+        return replace(test, pressure=test.pressure * factor), setup
+    if setup.mesh is not None:
+        setup = replace(setup, mesh=Mesh(setup.mesh.nodes * factor, setup.mesh.cells))
+    return replace(test, radius=test.radius * factor), setup
 
 
 def _of_moduli(problem: Problem, z: Floats, size: float) -> Floats:
@@ -285,6 +343,7 @@ def _described(
     shifts: Mapping[str, Floats],
     quantiles: Floats,
     mesh: list[float] | None,
+    unknown: tuple[str, ...],
 ) -> Uncertainty:
     """Errors by name, in the parameters' units."""
     names = [p.name for p in problem.free]
@@ -309,7 +368,16 @@ def _described(
     known = [name for name in names if stderr[name] is not None]
     correlation, own = (_correlations(c, names, known) for c in (covariance, by_data))
     return Uncertainty(
-        covariance, stderr, intervals, by_noise, by_block, parts, correlation, own, mesh
+        covariance,
+        stderr,
+        intervals,
+        by_noise,
+        by_block,
+        parts,
+        correlation,
+        own,
+        mesh,
+        unknown,
     )
 
 
