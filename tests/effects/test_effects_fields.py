@@ -337,6 +337,17 @@ def test_derivatives_by_a_slow_slip_are_those_of_differences(virtual: VirtualTes
         np.testing.assert_allclose(derivative, change, atol=2e-5 * np.abs(change).max())
 
 
+def test_a_clamp_that_gives_by_one_step_still_has_its_derivative(virtual: VirtualTest):
+    """One end of the difference is the null, where the clamp holds."""
+    name = "slow_slip_field.c0_1"
+    step = fields()["slow_slip_field"].parameter("c0_1").step
+    at = virtual.predict({**VALUES, name: step}, [name])
+    ends = [virtual.predict({**VALUES, name: k * step}) for k in (0.5, 1.5)]
+    change = (ends[1].displacement - ends[0].displacement) / step
+    assert np.abs(change).max() > 0.01
+    np.testing.assert_allclose(at.derivative[0], change, atol=0.02 * np.abs(change).max())
+
+
 def test_coupled_cloth_is_turned_cloth_to_first_order(virtual: VirtualTest):
     """Turning an orthotropic law by a small angle makes D13 and D23, and nothing else, to first
     order: D13 = a (D11 - D12 - 2 D33), D23 = a (D12 + 2 D33 - D22) of warp at -a."""
