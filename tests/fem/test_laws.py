@@ -263,6 +263,36 @@ def test_softest_curves_that_are_admitted_have_a_positive_energy() -> None:
         assert 0.0 < low < 1e-3
 
 
+@pytest.mark.parametrize("by", ["gain", "bend"])
+def test_what_softens_both_ways_keeps_a_positive_energy(by: str) -> None:
+    """Admitted up to where the stiffness is semidefinite, as a curve is; one way alone, always."""
+    moduli = np.array([303.0, 229.0])
+    ratio = STIFFNESS[2] / math.sqrt(STIFFNESS[0] * STIFFNESS[1])  # √(ν12 ν21)
+    least, strain = ratio / (1.0 + ratio), KNOTS[-1]
+    for more, positive in ((1e-5, True), (-1e-5, False)):
+        falls = (least + more - 1.0) * moduli
+        # the slope there is 2 gain e less, or all but all of the bend
+        given = 0.5 * falls / strain if by == "gain" else falls * (1.0 + (1e-6 / strain) ** 2)
+        fabric = Fabric(**{by: tuple(given)}, knee=(1e-6, 1e-6))
+        for alone in ((given[0], 0.0), (0.0, given[1])):
+            replace(fabric, **{by: alone}).law_parameters(STIFFNESS)
+        if not positive:
+            with pytest.raises(InputError, match="leave no positive strain energy"):
+                fabric.law_parameters(STIFFNESS)
+            continue
+        q = fabric.law_parameters(STIFFNESS)
+        step = 1e-6 * np.eye(3)[:2]
+        at = np.array([strain, strain, 0.0])
+
+        def stress(where: np.ndarray, axis: int, q: tuple[float, ...] = q) -> float:
+            return energy(where + 1e-20j * np.eye(3)[axis], q).imag / 1e-20
+
+        slopes = [
+            [(stress(at + h, axis) - stress(at - h, axis)) / 2e-6 for axis in (0, 1)] for h in step
+        ]
+        assert 0.0 < np.linalg.eigvalsh(slopes)[0] < 0.02
+
+
 PACKAGE = """[bulgefit.laws]
 fung = bulge_lab.fung:FUNG
 """

@@ -133,18 +133,20 @@ class Fabric:
             _check_coupling(self.coupling, stiffness)
         own = *self.slack, *self.gain, *self.bend, *self.knee
         spent = self._spent(stiffness)
-        curve = list(_NO_CURVE)
+        added = np.zeros((2, len(KNOTS)))
         if self.curve is not None:
-            curve = self._excess(self.curve, stiffness, spent).ravel().tolist()
+            added = self._excess(self.curve, stiffness, spent)
+        if self.curve is not None or min(*self.gain, *self.bend) < 0.0:
+            self._check_slopes(stiffness, spent, added)
         last = *self.coupling, *spent
-        return (*map(float, (*stiffness, *own)), *curve, *map(float, last))
+        return (*map(float, (*stiffness, *own)), *added.ravel().tolist(), *map(float, last))
 
     def _spent(self, stiffness: Floats) -> Floats:
         """Strains (2,) at which a gain that softens has taken its share of what bends leave."""
         if min(self.gain) >= 0.0:
             return np.full(2, _NEVER)
-        d11, d22, d12, _ = stiffness
-        left = np.array([d11 - d12**2 / d22, d22 - d12**2 / d11]) + np.minimum(self.bend, 0.0)
+        d11, d22, _, _ = stiffness
+        left = _moduli(stiffness) + np.minimum(self.bend, 0.0)
         falling = np.maximum(-np.array(self.gain), 0.5 * _SPENT * (d11 + d22) / _NEVER)
         return np.maximum(0.5 * _SPENT * left / falling, 0.0)
 
@@ -152,9 +154,7 @@ class Fabric:
         """Slopes (2, K) MPa at the knots that a curve (2, K) adds to those of gains and bends.
 
         It multiplies these there; what it takes off at the last knot, it takes off beyond, too, so
-        there it is of what bends and gains that soften leave before the cloth tears. The stiffness
-        D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive definite where
-        s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
+        there it is of what bends and gains that soften leave before the cloth tears.
         """
         curve = np.asarray(curve, dtype=float)
         if curve.shape != (2, len(KNOTS)) or not np.isfinite(curve).all():
@@ -162,22 +162,30 @@ class Fabric:
                 f"curve: expected 2 x {len(KNOTS)} finite logarithms of slopes, got "
                 f"{curve.tolist()}"
             )
-        d11, d22, d12, _ = stiffness
-        contraction = d12**2 / (d11 * d22)  # ν12 ν21
-        moduli = (1.0 - contraction) * np.array([d11, d22])
+        moduli = _moduli(stiffness)
         named = self._slopes(np.array(KNOTS), moduli, spent)
         end = np.minimum(named[:, -1], self._slopes(np.array([_TORN]), moduli, spent)[:, 0])
         named[:, -1] = np.where(curve[:, -1] < 0.0, end, named[:, -1])
-        added = named * np.expm1(curve)
+        return np.asarray(named * np.expm1(curve))
+
+    def _check_slopes(self, stiffness: Floats, spent: Floats, added: Floats) -> None:
+        """Refuse slopes, of which a curve has added some (2, K) MPa, that soften both ways too far.
+
+        The stiffness D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive
+        definite where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
+        """
+        d11, d22, d12, _ = stiffness
+        contraction = d12**2 / (d11 * d22)  # ν12 ν21
+        moduli = _moduli(stiffness)
         everywhere = [np.interp(_STRAINS, KNOTS, row) for row in added]
         whole = self._slopes(_STRAINS, moduli, spent) + everywhere
         warp, fill = np.minimum(whole.min(axis=1) / moduli, 1.0)
         if not (min(warp, fill) > 0.0 and warp * fill > contraction * (1.0 - warp) * (1.0 - fill)):
             raise InputError(
-                f"curve: slopes of {warp:.3g} E1 and {fill:.3g} E2 leave no positive strain "
-                f"energy with nu12 nu21 = {contraction:.3g}; raise the lowest slopes"
+                f"slopes of {warp:.3g} E1 and {fill:.3g} E2 along warp and fill leave no positive "
+                f"strain energy with nu12 nu21 = {contraction:.3g}; let curve, gains or bends "
+                "soften less"
             )
-        return added
 
     def _slopes(self, strain: Floats, moduli: Floats, spent: Floats) -> Floats:
         """Of stress along warp and fill, (2, n) MPa, by moduli, gains and bends."""
@@ -185,6 +193,12 @@ class Fabric:
         turned = strain**2 / (strain**2 + knee**2)
         gained = 2.0 * gain * np.minimum(strain, spent[:, None])
         return np.asarray(moduli[:, None] + gained + bend * turned)
+
+
+def _moduli(stiffness: Floats) -> Floats:
+    """E1 and E2, MPa."""
+    d11, d22, d12, _ = stiffness
+    return np.array([d11 - d12**2 / d22, d22 - d12**2 / d11])
 
 
 def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
@@ -202,7 +216,6 @@ def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
 _STRAINS = np.linspace(0.0, KNOTS[-1], 161)
 #: Coated fabrics tear before this strain.
 _TORN = 0.3
-_NO_CURVE = (0.0,) * (2 * len(KNOTS))
 
 
 class Membrane:
