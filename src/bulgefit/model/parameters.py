@@ -13,11 +13,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import InputError, needed
-from bulgefit.fem.elasticity import (
-    isotropic_constants,
-    orthotropic_stiffness,
-    orthotropic_stiffness_derivative,
-)
+from bulgefit.fem.elasticity import isotropic_constants, orthotropic_stiffness
 
 __all__ = ["MATERIALS", "Material", "as_effects", "as_material", "as_values", "material"]
 
@@ -76,12 +72,6 @@ class Material:
         """D11, D22, D12, D33 in MPa; raises InputError where the energy is not positive."""
         c = self.constants()
         return orthotropic_stiffness(c["E1"], c["E2"], c["G12"], c["nu12"])
-
-    def stiffness_derivative(self) -> Floats:
-        """∂(D11, D22, D12, D33)/∂(values), (4, parameters)."""
-        c = self.constants()
-        by_constants = orthotropic_stiffness_derivative(c["E1"], c["E2"], c["G12"], c["nu12"])
-        return by_constants @ self.constants_derivative()
 
     def constants_derivative(self) -> Floats:
         """∂(E1, E2, G12, nu12)/∂(values), (4, parameters)."""
