@@ -215,7 +215,8 @@ def simulate(
     ellipticity : float
         The clamp's semi-axes are radius (1 + ellipticity) along x and radius (1 - ellipticity)
         along y; for the default mesh.
-    law : {"hencky", "svk"}
+    law : str
+        "hencky", "svk", "yarn", or one that an installed package brings.
     angle : float, degree
         Warp axis turned from x, counter-clockwise seen from +z.
     effects : mapping of `effect.parameter` to value, optional
