@@ -496,7 +496,8 @@ summed in two ways:
   noise alone (`stderr_noise`). Pairs count fully up to two correlation lengths, and not at all
   beyond four: so nothing is lost at edges, as it is between cells (Politis and Romano, 1995). The
   length is told by static frames, else by how what the fit leaves differs from frame to frame. With
-  fewer than eight loaded frames neither is there, and two lengths are an eighth of the radius;
+  fewer than eight loaded frames neither is there, and two lengths are an eighth of the radius.
+  Where a tenth of the noise or more is in every frame, pairs in different frames count as well;
 - over blocks of frames times sectors of the disc, within which residuals may be alike in any way
   (Liang and Zeger, 1986): also what the model misses, which changes slowly with pressure and place
   (`stderr_blocks`).

@@ -77,6 +77,40 @@ def test_covariances_of_correlated_noise_are_the_true_ones(
     np.testing.assert_array_less(np.abs(ratio), 3.0 * np.sqrt(2.0 / DRAWS))
 
 
+@pytest.mark.parametrize("name", ["e", "likelihood"])
+def test_covariances_of_noise_that_persists_are_the_true_ones(
+    name: str, make: Maker, setup: Setup
+) -> None:
+    """A third of its variance is the same in every frame, each point's its own."""
+    share = 1.0 / 3.0
+    problem = Problem(
+        Objective([make(noise=SIZE, frames=FRAMES, points=POINTS)], name, setup), bounds=BOUNDS
+    )
+    z = problem.coordinates(TRUTH)
+    shapes, columns = problem.shapes(z, derivatives=True), problem.columns(z)
+    (look,) = problem.objective.looks(shapes, problem.names_of_tests())
+    told = Noise(SIZE * np.ones(3), 0.0, 0.0, 1.0, Source.FRAMES, persistent=share)
+    found, freedom, rng = [], [], np.random.default_rng(5)
+    for _ in range(DRAWS):
+        own = rng.standard_normal(look.residual.shape)
+        lasting = rng.standard_normal(look.residual.shape[1:])
+        drawn = SIZE * (np.sqrt(1.0 - share) * own + np.sqrt(share) * lasting)
+        scores = Scores(problem.objective, columns, [told])
+        scores.add(replace(look, residual=drawn))
+        covariance, known = scores.of_noise(np.eye(3))
+        found.append(np.diag(covariance))
+        freedom.append(known)
+    rho = share * np.ones((FRAMES, FRAMES)) + (1.0 - share) * np.eye(FRAMES)
+    alike = SIZE**2 * rho if scores.squared else 2.0 / np.pi * np.arcsin(np.minimum(rho, 1.0))
+    pull = scores.jacobian(look) * look.scale[:, None, :, None]
+    true = np.einsum("fncp,fg,gncp->p", pull, alike, pull, optimize=True)
+    error = np.sqrt(2.0 / np.min(freedom, axis=0) / DRAWS)
+    np.testing.assert_array_less(np.abs(np.mean(found, axis=0) / true - 1.0), 3.0 * error + 0.02)
+    scatter = 2.0 * np.mean(found, axis=0) ** 2 / np.var(found, axis=0, ddof=1)
+    ratio = np.log(np.median(freedom, axis=0) / scatter)
+    np.testing.assert_array_less(np.abs(ratio), 3.0 * np.sqrt(2.0 / DRAWS))
+
+
 def test_freedom_falls_where_few_points_tell_most(make: Maker, setup: Setup) -> None:
     """One frame's cells are not those of all frames, though all are there."""
     test = make(noise=SIZE, frames=FRAMES, points=POINTS)

@@ -7,7 +7,7 @@ score ψ J. Here are A = Σ E[ρ''] J Jᵀ, and B, the covariance of the sum of 
   the correlation has ended, and less from there on to twice that distance (Conley, 1999). Sums over
   cells would do the same without the pairs across their edges, a third of all where cells are four
   correlation lengths wide; a weight that is flat at first loses none of them (Politis and Romano,
-  1995).
+  1995). Where a share of the noise persists in the points, pairs in different frames count, too.
 * of residuals that may be alike in any way within blocks of frames and sectors of the disc (Liang
   and Zeger, 1986).
 """
@@ -61,6 +61,7 @@ class Scores:
             max(_LENGTHS * noise.correlation_length if noise else 0.0, _LEAST_REACH * test.radius)
             for noise, test in zip(noises, self.tests, strict=True)
         ]
+        self.persists = [noise is not None and noise.persistent > 0.0 for noise in noises]
         self._size = columns[0].shape[1]
         self._grams: dict[tuple[int, int], Floats] = {}
         self._residuals: dict[tuple[int, int], list[Floats]] = {}
@@ -126,7 +127,7 @@ class Scores:
         return self._curvatures[key]
 
     def of_noise(self, inverse: Floats) -> tuple[Floats, Floats]:
-        """A⁻¹ B A⁻¹ of noise that is correlated within a frame, and its degrees of freedom.
+        """A⁻¹ B A⁻¹ of noise that is correlated in space or persists, and its degrees of freedom.
 
         Parameters
         ----------
@@ -139,10 +140,13 @@ class Scores:
         freedom : (free,) array
         """
         total, squares = np.zeros((self._size, self._size)), []
-        for cells in self._of_cells:
+        for cells, persists in zip(self._of_cells, self.persists, strict=True):
             if not cells:
                 continue
             cell, scores = np.array(list(cells)), np.array(list(cells.values())) @ inverse
+            if persists:
+                # a point's errors in all frames are alike: pairs of frames count as those of points
+                scores = scores.sum(axis=1, keepdims=True)
             apart = cdist(cell, cell) / _CELLS  # of the reach
             near = np.tensordot(np.clip(2.0 - 2.0 * apart, 0.0, 1.0), scores, 1)
             total += np.tensordot(scores, near, ((0, 1), (0, 1)))
