@@ -20,11 +20,14 @@ from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, free_parameters, parameters_of
 
-__all__ = ["Evaluation", "Prior", "Problem", "key_among", "stated_ratio"]
+__all__ = ["Evaluation", "Prior", "Problem", "bounded", "key_among", "stated_ratio"]
 
 Floats = NDArray[np.floating]
 
 Of = TypeVar("Of")
+
+#: Part of the range between the bounds within which a parameter counts as at its bound.
+AT_BOUND = 1e-3
 
 #: What the virtual test calls the material's constants.
 _CONSTANTS = ("E1", "E2", "G12", "nu12")
@@ -180,6 +183,11 @@ class Problem:
         """The same under their names, as results tell them."""
         return {str(key): value for key, value in self.keyed(z).items()}
 
+    def at_bound(self, z: Floats) -> NDArray[np.bool_]:
+        """Which free parameters sit at a bound, (free,)."""
+        values = self.values(z)
+        return np.array([bounded(p, values[p.name]) for p in self.free])
+
     def value_at(self, index: int, coordinate: float) -> float:
         """A free parameter's value at its coordinate, within its bounds or not."""
         along = self._lower[index] + (self._upper[index] - self._lower[index]) * coordinate
@@ -275,10 +283,24 @@ class Problem:
         for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
             prior = self.priors.get(key)
             if prior is not None:
-                by_z = p.slope(values[key]) * (self._upper[j] - self._lower[j])
+                by_z = p.slope(values[key]) / p.by_value(values[key])
+                by_z *= self._upper[j] - self._lower[j]
                 slope[j] = weight * (values[key] - prior.mean) / prior.deviation**2 * by_z
                 hessian[j, j] = weight * (by_z / prior.deviation) ** 2
         return hessian, slope
+
+    def scores_of_priors(self, value: float, z: Floats) -> Floats:
+        """Covariance of the slope that the priors add, if their means are off by their deviations.
+
+        The slope is w (v - m)/s² by the value: its variance is w times the Hessian's w/s².
+        """
+        return self._weight_of_priors(value) * self.pull(value, z)[0]
+
+    def without_prior(self, key: Key) -> Problem:
+        """The same without what is believed of one parameter."""
+        other = copy(self)
+        other.priors = {own: prior for own, prior in self.priors.items() if own != key}
+        return other
 
     def _believed(self, value: float, z: Floats) -> float:
         values = self.keyed(z)
@@ -328,6 +350,16 @@ class Problem:
         if start is None:
             start = self.objective.tests[key.specimen or 0].poisson_ratio
         return float(np.clip(start, parameter.lower, parameter.upper))
+
+
+def bounded(parameter: Parameter, value: float) -> bool:
+    """Whether a value sits at a bound, which is no result.
+
+    Where the range begins at the null, that end is no bound: the effect is absent there.
+    """
+    low, high, at = (parameter.to_coordinate(v) for v in (parameter.lower, parameter.upper, value))
+    near = AT_BOUND * (high - low)
+    return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
 
 
 def _of_material(values: Mapping[Key, Of]) -> dict[str, Of]:

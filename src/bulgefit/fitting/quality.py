@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.noise import Noise
 from bulgefit.dic.suspicions import alarms
 from bulgefit.dic.suspicions.points import about_apex_hole
+from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.optima import elsewhere, of_equal_worth
@@ -63,6 +64,11 @@ class Doubt(Enum):
         "(--objective e_w), or fewer parameters"
     )
     INSEPARABLE = "{first} and {second} cannot be told apart (correlation {by:.3f}): hold one"
+    PRIOR_CONFLICT = (
+        "{name}: the prior, {mean:.6g} ± {deviation:.3g}, and what is found without it, "
+        "{alone:.6g} ± {stderr:.3g}, are {apart:.3g} combined standard errors apart: one of them "
+        "is wrong; look at the prior and its unit, and at the test, and leave out what is wrong"
+    )
     MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
     MESH_ERROR_LARGE = (
         "what is left of the mesh's error is more than a third of the noise: raise --refine"
@@ -163,6 +169,7 @@ def quality_of(
     errors: Uncertainty,
     bounded: NDArray[np.bool_],
     left: Sequence[Noise | None],
+    beliefs: Sequence[Belief],
 ) -> Quality:
     """Judge a fit at its optimum; `left` is the noise of each test there."""
     objective = problem.objective
@@ -203,6 +210,7 @@ def quality_of(
             ),
             *_about_result(problem, z, bounded, explained, descents),
             *_about_errors(problem, bounded, errors, words),
+            *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
             *_about_mesh(problem, errors, noise),
         ],
@@ -274,6 +282,18 @@ def _about_errors(
     ]
     if lost:
         yield Doubt.UNDETERMINED.of(names=" and ".join(lost))
+
+
+def _of_conflict(belief: Belief) -> Warned:
+    told = belief.to_dict()
+    return Doubt.PRIOR_CONFLICT.of(
+        name=belief.name,
+        mean=told["mean"],
+        deviation=told["deviation"],
+        alone=told["without"],
+        stderr=told["stderr_without"],
+        apart=told["apart"],
+    )
 
 
 def _about_search(
