@@ -187,7 +187,7 @@ def test_file_that_may_not_be_read(verb, folder, arrays, capsys):
 
 SEARCH = {
     "bounds reversed": (["--bounds", "E1=400:200"], "bounds of E1 are reversed: 400:200"),
-    "bounds equal": (["--bounds", "E1=300:300"], "bounds of E1"),
+    "everything held": (["--bounds", "E1=3:3,E2=3:3,G12=3:3"], "nothing is left to fit"),
     "bounds below zero": (["--bounds", "G12=-1:5"], "bounds of G12 must be positive"),
     "bounds not finite": (["--bounds", "E1=100:inf"], "bounds of E1 must be finite"),
     "bounds of what": (["--bounds", "E9=1:2"], "bounds: 'E9' is no parameter of orthotropic"),

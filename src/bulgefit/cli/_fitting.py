@@ -116,7 +116,7 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="E1=LOW:HIGH,...",
         help="bounds, of moduli in MPa (default: from the apex of the tests, an eighth to eight "
         "times the modulus that it implies, G12 down to a two hundredth; what is plausible of "
-        "effects)",
+        "effects); equal ones (E1=330:330) hold a modulus",
     )
     group.add_argument(
         "--starts", type=int, default=5, metavar="N", help="scrambled-Sobol starts (default: 5)"

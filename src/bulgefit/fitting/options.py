@@ -32,7 +32,7 @@ class FitOptions:
         Freed beyond the moduli: "nu12" or "nu".
     bounds : mapping of name to (lower, upper)
         MPa, or the unit of an effect's parameter; default: from the tests' apex, and what is
-        plausible.
+        plausible. Equal ones hold a modulus.
     held : mapping of name to value
         nu12 or nu where it is not the tests', and effects' parameters (`effect.parameter`, test i's
         own `effect.parameter@i`) that are not at their null.

@@ -18,7 +18,7 @@ from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.parameters import Material, free_parameters, parameters_of
+from bulgefit.model.parameters import Material, free_parameters, held_by, parameters_of
 
 __all__ = ["Evaluation", "Prior", "Problem", "bounded", "key_among", "stated_ratio"]
 
@@ -82,7 +82,7 @@ class Problem:
     free : iterable of str
         Freed beyond the moduli.
     bounds : mapping of name to (lower, upper), optional
-        Default: from the tests' apex (`bulgefit.fitting.guess`).
+        Default: from the tests' apex (`bulgefit.fitting.guess`). Equal ones hold a modulus.
     held : mapping of name to value, optional
         Values of parameters that are not free, `effect.parameter` and test i's own
         `effect.parameter@i` among them; default the tests' Poisson ratio and every effect's null.
@@ -106,17 +106,25 @@ class Problem:
         tests, given = objective.tests, by_key(bounds or {})
         ours = {p.name for p in parameters_of(kind)}
         implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
-        moduli = free_parameters(kind, free, implied | _of_material(given))
+        limits = implied | _of_material(given)
+        moduli = free_parameters(kind, free, limits)
         freed = _freed(effects, len(tests), objective)
         fixed = _known(held or {}, ours, len(tests))
+        by_bounds = {Key("", n): ends[0] for n, ends in limits.items() if held_by(ends)}
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
         for key in fixed:
             if key.name in {own.name for own in self.keys}:
                 raise InputError(f"hold: {key} is fitted; hold it or fit it")
+        if not self.free:
+            raise InputError(
+                "bounds: they hold everything, and nothing is left to fit; widen those of one, or "
+                "compare what is held (bulgefit evaluate)"
+            )
         for key in given:
-            self._meant(key, "bounds")
-        stated = _of_material(fixed)
+            if key not in by_bounds:
+                self._meant(key, "bounds")
+        stated = _of_material(fixed | by_bounds)
         self.held = {
             name: stated[name] if name in stated else stated_ratio(tests)
             for name in (p.name for p in parameters_of(kind))
@@ -412,7 +420,10 @@ def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
     of_all = bounds.get(key._replace(specimen=None), (parameter.lower, parameter.upper))
     low, high = bounds.get(key, of_all)
     if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
-        raise InputError(f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}")
+        raise InputError(
+            f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}; an effect is held "
+            "by --hold"
+        )
     return replace(parameter, name=str(key), lower=low, upper=high)
 
 

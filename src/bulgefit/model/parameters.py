@@ -194,7 +194,8 @@ def free_parameters(
     free : iterable of str
         Parameters freed beyond the default (`nu12`, `nu`).
     bounds : mapping of name to (lower, upper), optional
-        In the parameter's unit; others keep their default.
+        In the parameter's unit; others keep their default. Equal ones hold a parameter, which then
+        is not varied.
 
     Raises
     ------
@@ -216,12 +217,17 @@ def free_parameters(
             raise InputError(f"bounds: {name} is held fixed; free it to bound it")
         if not (math.isfinite(lower) and math.isfinite(upper)):
             raise InputError(f"bounds of {name} must be finite, got {lower:g}:{upper:g}")
-        if lower >= upper:
+        if lower > upper:
             raise InputError(f"bounds of {name} are reversed: {lower:g}:{upper:g}")
         if known[name].unit == "MPa" and lower <= 0:
             raise InputError(f"bounds of {name} must be positive, got {lower:g}:{upper:g} MPa")
     return tuple(
         replace(known[n], lower=limits[n][0], upper=limits[n][1]) if n in limits else known[n]
         for n in known
-        if n in wanted
+        if n in wanted and not (n in limits and held_by(limits[n]))
     )
+
+
+def held_by(bounds: tuple[float, float]) -> bool:
+    """Whether bounds hold a parameter: they are equal."""
+    return bounds[0] == bounds[1]
