@@ -80,6 +80,18 @@ def test_a_belief_beyond_doubt_is_the_answer(name: str, make: Maker, setup: Setu
         ({"held": {"E9": 1.0}}, "hold: 'E9' is no parameter"),
         ({"held": {"E1": 1.0}}, "hold: E1 is fitted; hold it or fit it"),
         ({"held": {"clamp_slip.x": 1.0}}, "clamp_slip has no parameter 'x'; choose from comp"),
+        (
+            {"held": {"clamp_slip.compliance": -0.5}},
+            r"hold: clamp_slip\.compliance must be 0 or more, got -0\.5",
+        ),
+        (
+            {"held": {"pressure_gain.gain": -1.0}},
+            r"hold: pressure_gain\.gain must be above -1, got -1",
+        ),
+        (
+            {"effects": "clamp_slip", "bounds": {"clamp_slip.compliance": (-0.1, 0.1)}},
+            r"bounds of clamp_slip\.compliance must be 0 or more, got -0\.1",
+        ),
         ({"effects": "clamp_slap"}, r"effect 'clamp_slap' is unknown; did you mean clamp_slip"),
         ({"effects": "pressure_gain"}, "pressure_gain cannot be fitted: a gain of pressure is"),
         ({"effects": "creep"}, "made: creep needs the time of its frames"),

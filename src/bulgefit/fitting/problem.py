@@ -383,7 +383,7 @@ def _known(held: Mapping[str, float], ours: set[str], count: int) -> dict[Key, f
             raise InputError(f"hold: {name} must be finite, got {value:g}")
         key = key_among(name, count, "hold")
         if key.effect:
-            parameter_named(key.name)
+            parameter_named(key.name).require(value, f"hold: {name}")
         elif name not in ours:
             raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
         out[key] = float(value)
@@ -424,6 +424,7 @@ def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
             f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}; an effect is held "
             "by --hold"
         )
+    parameter.require(low, f"bounds of {key}")
     return replace(parameter, name=str(key), lower=low, upper=high)
 
 

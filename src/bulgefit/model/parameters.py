@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import InputError, needed
 from bulgefit.fem.elasticity import (
     isotropic_constants,
@@ -146,8 +147,17 @@ def as_material(given: Material | Mapping[str, float], poisson_ratio: float) -> 
 
 
 def as_effects(given: Any) -> dict[str, float]:
-    """Effects' parameters by `effect.parameter`, none where None is given; InputError."""
-    return as_values({} if given is None else given, "effects", "effect.parameter to value")
+    """Effects' parameters by `effect.parameter`, none where None is given.
+
+    Raises
+    ------
+    InputError
+        It is no mapping of names to numbers, a name is unknown, or a value means nothing.
+    """
+    values = as_values({} if given is None else given, "effects", "effect.parameter to value")
+    for name, value in values.items():
+        parameter_named(Key.read(name).name).require(value, f"effects: {name}")
+    return values
 
 
 def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
