@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.copies import without_copies
 from bulgefit.dic.readers import read_test
 from bulgefit.errors import InputError, kind_of
 
@@ -39,7 +40,9 @@ def given_test(test: Any) -> BulgeTest:
 
 
 def given_tests(tests: Any) -> list[BulgeTest]:
-    """One or several tests, each as it is or by its path.
+    """One or several tests, each as it is or by its path, and each frame of it once.
+
+    A frame that was written twice would count twice, and errors come out too small.
 
     Parameters
     ----------
@@ -51,5 +54,5 @@ def given_tests(tests: Any) -> list[BulgeTest]:
         As of `given_test`.
     """
     if isinstance(tests, (BulgeTest, str, os.PathLike)) or not isinstance(tests, Iterable):
-        return [given_test(tests)]
-    return [given_test(test) for test in tests]
+        tests = [tests]
+    return [without_copies(given_test(test)) for test in tests]
