@@ -97,7 +97,10 @@ def test_while_processes_refit(
     begun(program, "refitting")
     seconds, said = told(program, signal.SIGINT)
     assert program.returncode == 130
-    assert said == "bulgefit fit: interrupted\n"
+    kept = tmp_path / "fit.json.part"
+    assert said == (
+        f"bulgefit fit: interrupted; {kept} keeps what is done, --resume goes on from it\n"
+    )
     assert seconds < WITHIN
     assert sorted(file.name for file in tmp_path.iterdir()) == ["fit.json", "fit.json.part"]
 
