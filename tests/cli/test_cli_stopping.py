@@ -78,7 +78,7 @@ def test_while_soft_shear_is_traced_by_threads(
 ) -> None:
     words = ["-m", "bulgefit", "fit", EXAMPLE, *SOFT, "--workers", f"{workers}"]
     program = start(*words, "--json", tmp_path / "fit.json")
-    begun(program, "fitting 1 test(s)")
+    begun(program, "fitting 1 test,")
     seconds, said = told(program, number)
     assert program.returncode == status
     assert said == f"bulgefit fit: {word}\n"

@@ -217,6 +217,32 @@ SEARCH = {
 QUICK = ["--starts", "1", "--max-evaluations", "1"]
 
 
+#: What is refused by name or number before anything is said of a fit.
+BEFORE = {
+    "law": ["--law", "svkk"],
+    "linear solver": ["--linear-solver", "abacus"],
+    "evaluation": ["--evaluation", "guess"],
+    "interpolation": ["--interpolation", "guess"],
+    "refine": ["--refine", "0"],
+    "objective": ["--objective", "e_y"],
+    "average": ["--average", "median"],
+    "material": ["--material", "steel"],
+    "method": ["--method", "guess"],
+    "starts": ["--starts", "0"],
+    "workers": ["--workers", "0"],
+}
+
+
+@pytest.mark.parametrize("case", BEFORE)
+@pytest.mark.parametrize("verb", ["fit", "crossval", "batch"])
+def test_names_and_numbers_are_refused_before_a_start(verb, case, folder, capsys):
+    assert run(verb, "good.npz", "other.npz", *BEFORE[case]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith(f"bulgefit {verb}: error: ")
+    assert "no start found" not in said
+
+
 @pytest.mark.parametrize("case", SEARCH)
 @pytest.mark.parametrize("verb", ["fit", "crossval"])
 def test_bad_searches(verb, case, folder, capsys):
@@ -537,7 +563,7 @@ def test_fit_says_what_ends_at_a_bound(folder, capsys):
     assert run("fit", "good.npz", *words, "--refine", REFINE, "--json", "r.json") == 0
     output = capsys.readouterr()
     assert "AT BOUND 200..300" in output.out
-    assert "fitting 1 test(s)" in output.err
+    assert "fitting 1 test, " in output.err
     entry = json.loads(Path("r.json").read_text())["parameters"]["E1"]
     assert entry["at_bound"] is True
     assert entry["value"] == pytest.approx(300, rel=1e-3)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_comparison_arguments",
     "add_search_arguments",
+    "check_search",
     "comparison_options",
     "inputs",
     "read_tests",
@@ -214,6 +215,14 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
         "method": args.method,
         "limits": Limits(evaluations=args.max_evaluations, objective_change=args.tolerance),
     }
+
+
+def check_search(args: argparse.Namespace, options: dict[str, Any]) -> None:
+    """Refuse what no test could be fitted with, before anything is said of a fit; InputError."""
+    from bulgefit.fitting.options import options_from
+
+    _common.workers_from(args)
+    options_from(None, {"objective": args.objective, **options})
 
 
 def _held(args: argparse.Namespace, free: Sequence[str]) -> dict[str, float]:

@@ -83,14 +83,16 @@ def run(args: argparse.Namespace) -> int:
     files = [path for pair in figures for path in pair]
     _common.check_outputs(args, _fitting.inputs(args), [*files, *check_page(args)])
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    _fitting.check_search(args, options)
     _check_bootstrap(args, tests)
 
     from bulgefit.fitting.fit import fit
 
     _common.progress(
         args,
-        f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
-        f"{args.starts} starts",
+        f"fitting {_common.several(len(tests), 'test')}, "
+        f"{sum(t.n_measured for t in tests):,} measured points, "
+        f"{_common.several(args.starts, 'start')}",
     )
     with (
         _resuming.resumable(args, "fit", tests),

@@ -240,7 +240,8 @@ class FitResult(Drawn, Tabled):
             for p in self.tests
         ]
         lines.append(
-            f"{len(self.descents)} starts, {sum(d.converged for d in self.descents)} converged, "
+            f"{len(self.descents)} start{'s' if len(self.descents) > 1 else ''}, "
+            f"{sum(d.converged for d in self.descents)} converged, "
             f"{self.quality.agreeing} at this optimum; {self.evaluations} forward paths, "
             f"{self.failures} failed; {self.seconds:.1f} s"
         )

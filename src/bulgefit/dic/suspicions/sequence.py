@@ -33,7 +33,8 @@ def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
     if test.n_frames < _FEW_FRAMES:
         yield Suspicion(
             "few_frames",
-            f"only {test.n_frames} frames: little to tell stiffness from other effects",
+            f"only {test.n_frames} frame{'s' if test.n_frames > 1 else ''}: little to tell "
+            "stiffness from other effects",
             "export more frames of the loading branch if there are any",
         )
     if test.time is not None and (np.diff(test.time) <= 0).any():
