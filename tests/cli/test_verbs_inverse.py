@@ -267,7 +267,7 @@ COMPARISON = {
     "refine": (["--refine", "0"], "refine must be 1 to 200, got 0"),
     "linear solver": (["--linear-solver", "abacus"], "abacus"),
     "format": (["--format", "png"], "unknown format 'png'"),
-    "columns of an npz": (["--columns", "x=X"], "has no option 'columns'"),
+    "columns of an npz": (["--columns", "x=X"], "has no option --columns"),
     "radius": (["--radius", "-1"], "radius -1 mm must be positive"),
     "json exists": (["--json", "good.npz"], "good.npz: exists; use --force to replace it"),
     "json on the test": (["--json", "./good.npz", "--force"], "would replace what is read"),
