@@ -432,7 +432,7 @@ def test_report_of_a_fit_that_went_badly() -> None:
         "  E2: standard error 1 by the noise alone, 2 by blocks of frames and sectors; the larger "
         "one is told",
         "  G12 cannot be found from this test",
-        "test                              r_dx      r_dy      r_dz         e       e_w       e_z",
+        "test (mm)                         r_dx      r_dy      r_dz         e       e_w       e_z",
         "valmex                          0.2500    0.2500    2.5000    3.0000    0.7500         -",
         "2 starts, 1 converged, 1 at this optimum; 3 forward paths, 2 failed; 1.2 s",
         "warning: the model loses stability above 0.94 bar (soft shear localises); 12 frames lie "

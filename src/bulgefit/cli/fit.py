@@ -226,9 +226,16 @@ def _draw(
         predict(test, result.material, effects=result.effects_of(i), setup=setup).blocks
         for i, test in enumerate(tests)
     ]
-    values = ", ".join(f"{k} {v:.4g}" for k, v in result.material.values.items())
+    values = ", ".join(_with_unit(name, v) for name, v in result.material.values.items())
     label = f"{result.objective} fit: {values}"
     for test, prediction, (profiles, residuals) in zip(tests, predictions, figures, strict=True):
         plot_profiles(test, prediction, profiles, label=label, force=args.force)
         plot_residuals(test, prediction, residuals, force=args.force)
         _common.progress(args, f"drew {profiles} and {residuals}")
+
+
+def _with_unit(name: str, value: float) -> str:
+    from bulgefit.fitting.result import unit_of
+
+    unit = unit_of(name)
+    return f"{name} {value:.4g}" + ("" if unit == "1" else f" {unit}")

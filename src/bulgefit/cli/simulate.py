@@ -12,6 +12,7 @@ from bulgefit.cli import _common
 from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
+from bulgefit.shown import plain
 
 if TYPE_CHECKING:
     from bulgefit.model.simulation import Simulation
@@ -331,11 +332,9 @@ def _table(args: argparse.Namespace, result: Simulation, pressures: list[float])
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
     if result.mesh_error_taken_off is not None:
-        left = "unknown" if result.mesh_error is None else f"{1000 * result.mesh_error:.2g} µm"
-        lines.append(
-            f"mesh: up to {1000 * result.mesh_error_taken_off:.2g} µm of its error taken off, "
-            f"{left} left"
-        )
+        taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
+        left = "unknown" if error is None else f"{plain(1000 * error, 2)} µm"
+        lines.append(f"mesh: up to {taken} µm of its error taken off, {left} left")
     if not result.stable:
         lines.append(
             "on this path the tangent is not positive definite somewhere: not all shapes are stable"

@@ -20,6 +20,7 @@ from bulgefit.fitting.optima import elsewhere, of_equal_worth
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
+from bulgefit.shown import plain
 
 __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
@@ -146,16 +147,18 @@ class Quality:
         parts = []
         if self.misfit_over_noise is not None:
             parts.append(f"misfit {self.misfit_over_noise:.3g} times the noise")
-        parts.append(f"{100 * self.explained_share:.4g} % of the measured displacement explained")
+        explained = plain(100 * self.explained_share, 4)
+        parts.append(f"{explained} % of the measured displacement explained")
         if self.structured_share is not None:
-            parts.append(f"{100 * self.structured_share:.3g} % of the square misfit is structure")
+            structured = plain(100 * self.structured_share, 3)
+            parts.append(f"{structured} % of the square misfit is structure")
         parts.append(f"{self.agreeing} of {self.starts} starts agree")
         head = "; ".join(parts)
         if self.mesh_error_mm is not None:
-            left = ", ".join(f"{1000 * e:.2g}" for e in self.mesh_error_mm)
+            left = ", ".join(plain(1000 * e, 2) for e in self.mesh_error_mm)
             head += f"\nleft of the mesh's error: {left} µm in dx, dy, dz"
             if self.noise_mm is not None:
-                noise = ", ".join(f"{1000 * s:.2g}" for s in self.noise_mm)
+                noise = ", ".join(plain(1000 * s, 2) for s in self.noise_mm)
                 head += f", beside a noise of {noise} µm"
         return [*(f"WARNING: {w.text}" for w in self.warnings), head]
 
@@ -235,11 +238,11 @@ def _words(name: str, value: float, error: float | None) -> str:
         return f"{name} cannot be found from this test"
     share = abs(error / value)
     if share <= _WELL:
-        return f"{name} is found within {100 * share:.2g} %"
+        return f"{name} is found within {plain(100 * share, 2)} %"
     if share <= _ROUGHLY:
-        return f"{name} is found roughly, within {100 * share:.2g} %"
+        return f"{name} is found roughly, within {plain(100 * share, 2)} %"
     if share <= _HARDLY:
-        return f"{name} is hardly found: its standard error is {100 * share:.2g} % of it"
+        return f"{name} is hardly found: its standard error is {plain(100 * share, 2)} % of it"
     return f"{name} cannot be found from this test"
 
 

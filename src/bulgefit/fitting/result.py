@@ -228,11 +228,13 @@ class FitResult(Drawn, Tabled):
                 "of frames and sectors; the larger one is told"
             )
         lines += [f"  {text}" for text in self._hardly_found()]
+        names = max(28, *(len(p.name) + 1 for p in self.tests))
         lines.append(
-            f"{'test':<28}{'r_dx':>10}{'r_dy':>10}{'r_dz':>10}{'e':>10}{'e_w':>10}{'e_z':>10}"
+            f"{'test (mm)':<{names}}"
+            f"{'r_dx':>10}{'r_dy':>10}{'r_dz':>10}{'e':>10}{'e_w':>10}{'e_z':>10}"
         )
         lines += [
-            f"{p.name[:27]:<28}"
+            f"{p.name:<{names}}"
             + "".join(
                 f"{'-':>10}" if v is None else f"{v:>10.4f}"
                 for v in (p.dx, p.dy, p.dz, p.e, p.e_w, p.e_z)
