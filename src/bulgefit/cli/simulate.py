@@ -15,6 +15,7 @@ from bulgefit.errors import InputError
 from bulgefit.shown import plain
 
 if TYPE_CHECKING:
+    from bulgefit.model.parameters import Material
     from bulgefit.model.simulation import Simulation
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -109,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.fem.mesh import DEFAULT_REFINE
     from bulgefit.model.simulation import simulate
 
-    mesh = None
+    mesh, reach = None, radius or _USUAL_RADIUS
     if args.mesh is not None:
         mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
         reach = float(np.hypot(*mesh.nodes.T).max())
@@ -118,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
                 f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
                 "leave --radius out or scale the mesh"
             )
+    _warn_of_sizes(args, material, reach)
     result = simulate(
         material,
         np.array(pressures) / 10.0,
@@ -139,6 +141,20 @@ def run(args: argparse.Namespace) -> int:
         partial(_draw, args, result, pressures[-1]),
     )
     return 0
+
+
+def _warn_of_sizes(args: argparse.Namespace, material: Material, radius: float) -> None:
+    """Of what `info` would not believe of a test: units that were taken for others."""
+    from bulgefit.dic.check import check_lengths
+    from bulgefit.dic.suspicions.sizes import about_specimen
+
+    moduli = {name: value for name, value in material.values.items() if name.startswith("E")}
+    try:
+        check_lengths(radius, args.thickness, "specimen")
+    except InputError as error:  # which a simulation can do without
+        _common.progress(args, f"warning: {error}")
+    for one in about_specimen(radius, args.thickness, moduli):
+        _common.progress(args, f"warning: {one.text}; {one.remedy}")
 
 
 def _pressures(text: str) -> list[float]:
