@@ -312,7 +312,11 @@ def test_single_frames_lines_and_rings_are_not_judged(example):
     r = np.hypot(*block.reference[:, :2].T)
     for points in (np.abs(block.reference[:, 1]) < 4, r > 80, r < 15):
         assert alarms(example.select(points=points)) == []
-    assert alarms(example.select(frames=[7])) == []
+    alone = example.select(frames=[7])
+    assert alarms(alone) == []
+    assert [s.text for s in suspicions(alone) if s.code == "few_frames"] == [
+        "only 1 frame: little to tell stiffness from other effects"
+    ]
 
 
 def test_fits_are_warned_too(arrays, tmp_path, capsys):

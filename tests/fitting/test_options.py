@@ -119,6 +119,7 @@ def test_equal_bounds_hold_a_modulus(make: Maker, setup: Setup) -> None:
     assert found.material.values == pytest.approx(wanted, rel=1e-3)
     assert [p.name for p in found.free] == ["E2", "G12"]
     assert "  E1             300 MPa  held" in found.report()
+    assert "\n1 start, 1 converged, 1 at this optimum; " in found.report()
     refits = bootstrap(found, tests, replicates=20)
     assert [p.name for p in refits.free] == ["E2", "G12"]
     folds = crossval(tests, "likelihood", **options)["folds"]
