@@ -46,6 +46,18 @@ def test_python_runs(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith("misfit ")
 
 
+def test_what_is_said_of_the_fit_beside_the_example(capsys):
+    """Half a unit of the last figure is rounding, and as much is left to other machines."""
+    text = (ROOT / "data" / "README.md").read_text(encoding="utf-8")
+    told = re.findall(r"(E1|E2|G12) (\d+\.\d+) ± (\d\.\d+)", text)
+    assert len(told) == 3
+    assert cli.main(["fit", str(EXAMPLE), "--json", "-", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)["parameters"]
+    for name, value, error in told:
+        assert found[name]["value"] == pytest.approx(float(value), abs=0.01)
+        assert found[name]["stderr"] == pytest.approx(float(error), abs=0.006)
+
+
 def test_the_error_of_the_mesh_is_larger_than_that_of_the_noise(capsys):
     options = ["--keep-mesh-error", "--starts", "1", "--json", "-", "--quiet"]
     assert cli.main(["fit", str(EXAMPLE), *options]) == 0

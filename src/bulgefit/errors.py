@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from enum import Enum
 from typing import Any
 
-__all__ = ["BulgefitError", "Cause", "InputError", "SolveError", "kind_of", "needed"]
+__all__ = ["BulgefitError", "Cause", "InputError", "SolveError", "kind_of", "needed", "one_of"]
 
 
 class BulgefitError(Exception):
@@ -20,6 +20,12 @@ class InputError(BulgefitError, ValueError):
 def kind_of(value: Any) -> str:
     """What a value is that was no use, in words."""
     return "None" if value is None else f"a value of type {type(value).__name__}"
+
+
+def one_of(name: str, known: Collection[str], what: str) -> None:
+    """Raise InputError for a name that is none of those known."""
+    if name not in known:
+        raise InputError(f"{what}: {name!r} is unknown; choose from {', '.join(known)}")
 
 
 def needed(value: Any, kind: type, what: str) -> Any:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-__all__ = ["Drawn", "drawn_by"]
+__all__ = ["Drawn", "drawn_by", "plain"]
 
 #: Who draws results; the roof hangs it here.
 _drawer: list[Callable[..., Any]] = []
@@ -19,6 +19,12 @@ _drawer: list[Callable[..., Any]] = []
 def drawn_by(drawer: Callable[..., Any]) -> None:
     """Let results be drawn by `drawer(result, kind, **how)`."""
     _drawer[:] = [drawer]
+
+
+def plain(value: float, digits: int) -> str:
+    """A number to so many digits, and large ones without a power of ten: 100, not 1e+02."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text else text
 
 
 class Drawn:

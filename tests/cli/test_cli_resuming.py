@@ -91,8 +91,12 @@ def test_the_result_is_the_same(verb: str, folder: Path, interrupt: Any, capsys:
     words = [*COMMANDS[verb], *SEARCH]
     assert run(*words, "--json", "whole.json") == 0
     interrupt(3)
+    capsys.readouterr()
     assert run(*words, "--json", "parts.json") == 130
     assert Path("parts.json.part").is_file()
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"bulgefit {verb}: interrupted; ")
+    assert said.endswith("parts.json.part keeps what is done, --resume goes on from it")
     # a Ctrl-C during the cross table gives the fit, which the resumed run replaces
     assert Path("parts.json").exists() is (verb == "fit")
     assert run(*words, "--json", "parts.json", "--resume") == 0

@@ -73,6 +73,28 @@ def test_order_of_pressures_and_table(capsys):
     assert "E = 250 MPa" in table
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["--thickness", "60"],
+            ["more than half the radius", "a plate and no membrane", "E1 t is"],
+        ),
+        (["--radius", "0.1", "--thickness", "1e-3"], ["radius 0.1 mm is too small", "E1 t is"]),
+        (["--E1", "250e9", "--E2", "250e9", "--G12", "1e11"], ["stiffer than diamond"]),
+        (["--E1", "250e3"], ["E1 t is 2.02e+05 N/mm, which no fabric has"]),
+        ([], []),
+    ],
+)
+def test_sizes_that_info_would_not_believe_are_warned_of(words, said, capsys):
+    assert run(*MATERIAL, "--pressure", "1", "--refine", "1", *words) == 0
+    warned = capsys.readouterr().err.splitlines()
+    assert len(warned) == len(said)
+    for line, part in zip(warned, said, strict=True):
+        assert line.startswith("warning: ")
+        assert part in line
+
+
 def test_radius_scales_and_angle_turns(capsys):
     def apexes(*words):
         assert run(*MATERIAL, "--refine", "2", "--pressure", "1", "--json", "-", *words) == 0

@@ -78,7 +78,7 @@ def test_while_soft_shear_is_traced_by_threads(
 ) -> None:
     words = ["-m", "bulgefit", "fit", EXAMPLE, *SOFT, "--workers", f"{workers}"]
     program = start(*words, "--json", tmp_path / "fit.json")
-    begun(program, "fitting 1 test(s)")
+    begun(program, "fitting 1 test,")
     seconds, said = told(program, number)
     assert program.returncode == status
     assert said == f"bulgefit fit: {word}\n"
@@ -97,7 +97,10 @@ def test_while_processes_refit(
     begun(program, "refitting")
     seconds, said = told(program, signal.SIGINT)
     assert program.returncode == 130
-    assert said == "bulgefit fit: interrupted\n"
+    kept = tmp_path / "fit.json.part"
+    assert said == (
+        f"bulgefit fit: interrupted; {kept} keeps what is done, --resume goes on from it\n"
+    )
     assert seconds < WITHIN
     assert sorted(file.name for file in tmp_path.iterdir()) == ["fit.json", "fit.json.part"]
 

@@ -116,7 +116,10 @@ BAD = {
     "a modulus": (["--hold", "E1=300"], "name an effect's parameter as EFFECT.PARAMETER"),
     "unknown": (["--hold", "clamp_slap.x=1"], "effect 'clamp_slap' is unknown; did you mean"),
     "no file": (["--from", "nowhere.json"], "--from nowhere.json: cannot be read"),
-    "no diagnosis": (["--from", SLIP], "no JSON of bulgefit diagnose or fit"),
+    "no diagnosis": (
+        ["--from", SLIP],
+        f"error: --from {SLIP}: no JSON of bulgefit diagnose or fit\n",
+    ),
 }
 BAD_FITS = {
     "with what": (["--with", "clamp_slap"], "effect 'clamp_slap' is unknown; did you mean"),

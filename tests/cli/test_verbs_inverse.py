@@ -187,7 +187,7 @@ def test_file_that_may_not_be_read(verb, folder, arrays, capsys):
 
 SEARCH = {
     "bounds reversed": (["--bounds", "E1=400:200"], "bounds of E1 are reversed: 400:200"),
-    "bounds equal": (["--bounds", "E1=300:300"], "bounds of E1"),
+    "everything held": (["--bounds", "E1=3:3,E2=3:3,G12=3:3"], "nothing is left to fit"),
     "bounds below zero": (["--bounds", "G12=-1:5"], "bounds of G12 must be positive"),
     "bounds not finite": (["--bounds", "E1=100:inf"], "bounds of E1 must be finite"),
     "bounds of what": (["--bounds", "E9=1:2"], "bounds: 'E9' is no parameter of orthotropic"),
@@ -217,6 +217,32 @@ SEARCH = {
 QUICK = ["--starts", "1", "--max-evaluations", "1"]
 
 
+#: What is refused by name or number before anything is said of a fit.
+BEFORE = {
+    "law": ["--law", "svkk"],
+    "linear solver": ["--linear-solver", "abacus"],
+    "evaluation": ["--evaluation", "guess"],
+    "interpolation": ["--interpolation", "guess"],
+    "refine": ["--refine", "0"],
+    "objective": ["--objective", "e_y"],
+    "average": ["--average", "median"],
+    "material": ["--material", "steel"],
+    "method": ["--method", "guess"],
+    "starts": ["--starts", "0"],
+    "workers": ["--workers", "0"],
+}
+
+
+@pytest.mark.parametrize("case", BEFORE)
+@pytest.mark.parametrize("verb", ["fit", "crossval", "batch"])
+def test_names_and_numbers_are_refused_before_a_start(verb, case, folder, capsys):
+    assert run(verb, "good.npz", "other.npz", *BEFORE[case]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert said.startswith(f"bulgefit {verb}: error: ")
+    assert "no start found" not in said
+
+
 @pytest.mark.parametrize("case", SEARCH)
 @pytest.mark.parametrize("verb", ["fit", "crossval"])
 def test_bad_searches(verb, case, folder, capsys):
@@ -241,7 +267,7 @@ COMPARISON = {
     "refine": (["--refine", "0"], "refine must be 1 to 200, got 0"),
     "linear solver": (["--linear-solver", "abacus"], "abacus"),
     "format": (["--format", "png"], "unknown format 'png'"),
-    "columns of an npz": (["--columns", "x=X"], "has no option 'columns'"),
+    "columns of an npz": (["--columns", "x=X"], "has no option --columns"),
     "radius": (["--radius", "-1"], "radius -1 mm must be positive"),
     "json exists": (["--json", "good.npz"], "good.npz: exists; use --force to replace it"),
     "json on the test": (["--json", "./good.npz", "--force"], "would replace what is read"),
@@ -359,7 +385,7 @@ def test_figures_stay_in_their_folder(folder, arrays, capsys):
         places.append(place)
     words = ["fit", *places, "--material", "isotropic", "--starts", 1, "--refine", 1]
     assert run(*words, "--max-evaluations", 1, "--plots", "f/g") == 0
-    stems = ["_up", "s_2", "s_1", "s_3"]
+    stems = ["_up", "b", "c", "s_3"]  # the folders tell those of one name apart
     drawn = [f"{stem}_{kind}.png" for stem in stems for kind in ("profiles", "residuals")]
     assert sorted(os.listdir("f/g")) == sorted(drawn)
     assert os.listdir("f") == ["g"]
@@ -537,7 +563,7 @@ def test_fit_says_what_ends_at_a_bound(folder, capsys):
     assert run("fit", "good.npz", *words, "--refine", REFINE, "--json", "r.json") == 0
     output = capsys.readouterr()
     assert "AT BOUND 200..300" in output.out
-    assert "fitting 1 test(s)" in output.err
+    assert "fitting 1 test, " in output.err
     entry = json.loads(Path("r.json").read_text())["parameters"]["E1"]
     assert entry["at_bound"] is True
     assert entry["value"] == pytest.approx(300, rel=1e-3)

@@ -276,6 +276,14 @@ def test_options_that_make_no_sense(arrays, aligned, options, match):
     assert "\n" not in str(caught.value)
 
 
+def test_a_plane_that_cannot_be_told_is_left_by_an_option_of_this_verb(arrays, aligned):
+    few = {**arrays, "reference": arrays["reference"][::60]}
+    for key in ("displacement", "static_displacement"):
+        few[key] = arrays[key][:, ::60]
+    with pytest.raises(InputError, match=r"needs points all around.*; leave the plane with --no-p"):
+        aligned(few)
+
+
 def test_what_does_not_tell_is_said(arrays, aligned, example, tmp_path):
     few = {key: value for key, value in arrays.items() if key != "static_displacement"}
     few["reference"], few["displacement"] = few["reference"][:60], few["displacement"][:, :60]

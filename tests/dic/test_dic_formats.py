@@ -78,7 +78,7 @@ def test_format_is_named_where_the_suffix_says_nothing(made_test, tmp_path, same
     same(made_test, read_test(tmp_path / "out.dat", format="npz"))
     with pytest.raises(InputError, match=r"unknown format 'xls'; known are .*csv"):
         read_test(tmp_path / "out.dat", format="xls")
-    with pytest.raises(InputError, match="npz has no option 'columns'"):
+    with pytest.raises(InputError, match=r"npz has no option --columns; leave it out$"):
         read_test(tmp_path / "out.dat", format="npz", columns={"x": "X"})
 
 
@@ -539,11 +539,22 @@ def test_csv_without_specimen(csv_folder):
     assert read_test(folder, radius=100, thickness=0.5).thickness == 0.5
 
 
+@pytest.mark.parametrize("option", ["pressure_column", "pressure_unit"])
+def test_csv_is_told_what_its_pressures_are_called(csv_folder, option):
+    written = f"--{option.replace('_', '-')}"
+    with pytest.raises(InputError, match=f"no option {written}.*called pressure_bar.*rename it so"):
+        read_test(csv_folder(), **{option: "load"})
+
+
 @pytest.mark.parametrize(
     ("file", "content", "match"),
     [
         ("pressure.csv", "", "pressure.csv: is empty"),
-        ("pressure.csv", "file,p\na,1\n", "needs the columns file and pressure_bar"),
+        (
+            "pressure.csv",
+            "file,p\na,1\n",
+            r"file and pressure_bar .*found file, p: rename what holds",
+        ),
         ("pressure.csv", "file,pressure_torr\nframe_0.csv,1\n", "unit 'torr'"),
         ("pressure.csv", "file,pressure_bar\nlost.csv,1\n", "names lost.csv, which is not in"),
         ("pressure.csv", "file,pressure_bar\n../a.csv,1\n", "not the name of a file"),

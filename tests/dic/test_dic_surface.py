@@ -266,6 +266,31 @@ def test_what_cannot_be_measured(options, message):
         measure(cap(), **options)
 
 
+def test_windows_without_points_are_refused_before_the_work(monkeypatch):
+    """A quarter of a narrow window apart there are very many of them."""
+    monkeypatch.setattr("bulgefit.dic.surface.measured.surface_of", None)
+    with pytest.raises(InputError, match="no window of 1 mm has the 30 points"):
+        measure(cap(), window=1.0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_without_pressure_neither_dome_nor_tension_is_told(tmp_path, capsys):
+    """Of an image at rest, and of one whose gauge reads a little less than nothing."""
+    loaded = cap(noise=0.005)
+    flat = np.random.default_rng(3).normal(0, 0.005, (1, *loaded.blocks[0].displacement.shape[1:]))
+    moved = np.concatenate([flat, 0 * flat, loaded.blocks[0].displacement])
+    pressure = np.concatenate([[-0.002, 0.0], PRESSURE])
+    test = BulgeTest.from_arrays(loaded.blocks[0].reference, moved, pressure)
+    write_test(test, tmp_path / "rest.npz")
+    assert main(["measure", str(tmp_path / "rest.npz"), "--window", "40"]) == 0
+    below, rest, light = capsys.readouterr().out.splitlines()[3:6]
+    for row in (below, rest):
+        assert row.split()[-3:] == ["-", "-", "-"]
+        assert row.count("±") == 2
+    assert light.count("±") == 5
+    assert "± -" not in light
+
+
 def test_few_points():
     axis = np.linspace(-60, 60, 5)
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))

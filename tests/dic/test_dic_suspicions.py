@@ -297,12 +297,26 @@ def test_heights_that_are_next_to_nothing_say_nothing_of_the_axes(arrays):
     assert "-0 " not in table
 
 
+def test_a_patch_near_the_centre_says_nothing_of_the_disc(arrays):
+    """Of a test in metres, over a clamp in mm: a slope of 1 over a tenth of a mm is no alarm."""
+    for key in ("reference", "displacement", "static_displacement"):
+        scaled(arrays, key, 1e-3)
+    positions(arrays)
+    said = {one.code for one in suspicions(BulgeTest.from_arrays(**arrays))}
+    assert "near_centre_only" in said
+    assert "positions_not_displacements" not in said
+
+
 def test_single_frames_lines_and_rings_are_not_judged(example):
     block = example.blocks[0]
     r = np.hypot(*block.reference[:, :2].T)
     for points in (np.abs(block.reference[:, 1]) < 4, r > 80, r < 15):
         assert alarms(example.select(points=points)) == []
-    assert alarms(example.select(frames=[7])) == []
+    alone = example.select(frames=[7])
+    assert alarms(alone) == []
+    assert [s.text for s in suspicions(alone) if s.code == "few_frames"] == [
+        "only 1 frame: little to tell stiffness from other effects"
+    ]
 
 
 def test_fits_are_warned_too(arrays, tmp_path, capsys):

@@ -14,6 +14,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import BulgefitError, InputError, SolveError
 from bulgefit.fitting import objective as module
+from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit, stability
@@ -22,7 +23,7 @@ from bulgefit.fitting.minimise import Descent, Limits, descend
 from bulgefit.fitting.multistart import starting_points
 from bulgefit.fitting.objective import Objective, TestParts, displacement_weight
 from bulgefit.fitting.options import FitOptions
-from bulgefit.fitting.problem import Evaluation, Problem
+from bulgefit.fitting.problem import Evaluation, Prior, Problem
 from bulgefit.fitting.quality import Quality, Warned
 from bulgefit.fitting.result import FitResult, Stability
 from bulgefit.fitting.uncertainty import Uncertainty
@@ -449,6 +450,10 @@ def test_report_of_a_fit_that_went_badly() -> None:
         ],
         stability=Stability(0.94, 12, False),
         uncertainty=errors,
+        beliefs=[
+            Belief("E2", Prior(230.0, 4.0), 236.0, 3.0),
+            Belief("clamp_slip.compliance", Prior(0.02, 0.001), None, None),
+        ],
         quality=quality,
         options=FitOptions(),
         settings={},
@@ -467,10 +472,13 @@ def test_report_of_a_fit_that_went_badly() -> None:
         "G12=...",
         "  nu12                          0.24      held",
         "  clamp_slip.compliance         0.02 mm per N/mm held",
+        "  prior E2 = 230 ± 4 MPa; without it, 236 ± 3 MPa",
+        "  prior clamp_slip.compliance = 0.02 ± 0.001 mm per N/mm; without it, "
+        "clamp_slip.compliance is not found",
         "  E2: standard error 1 by the noise alone, 2 by blocks of frames and sectors; the larger "
         "one is told",
         "  G12 cannot be found from this test",
-        "test                              r_dx      r_dy      r_dz         e       e_w       e_z",
+        "test (mm)                         r_dx      r_dy      r_dz         e       e_w       e_z",
         "valmex                          0.2500    0.2500    2.5000    3.0000    0.7500         -",
         "2 starts, 1 converged, 1 at this optimum; 3 forward paths, 2 failed; 1.2 s",
         "warning: the model loses stability above 0.94 bar (soft shear localises); 12 frames lie "

@@ -10,6 +10,8 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.fitting import objective as module
+from bulgefit.fitting.batch import batch_of
+from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit
@@ -151,12 +153,24 @@ def test_a_prior_against_the_data_joins_their_likelihood(
         ({"held": {"E9": 1.0}}, "hold: 'E9' is no parameter"),
         ({"held": {"E1": 1.0}}, "hold: E1 is fitted; hold it or fit it"),
         ({"held": {"clamp_slip.x": 1.0}}, "clamp_slip has no parameter 'x'; choose from comp"),
+        (
+            {"held": {"clamp_slip.compliance": -0.5}},
+            r"hold: clamp_slip\.compliance must be 0 or more, got -0\.5",
+        ),
+        (
+            {"held": {"pressure_gain.gain": -1.0}},
+            r"hold: pressure_gain\.gain must be above -1, got -1",
+        ),
+        (
+            {"effects": "clamp_slip", "bounds": {"clamp_slip.compliance": (-0.1, 0.1)}},
+            r"bounds of clamp_slip\.compliance must be 0 or more, got -0\.1",
+        ),
         ({"effects": "clamp_slap"}, r"effect 'clamp_slap' is unknown; did you mean clamp_slip"),
         ({"effects": "pressure_gain"}, "pressure_gain cannot be fitted: a gain of pressure is"),
         ({"effects": "creep"}, "made: creep needs the time of its frames"),
         (
             {"effects": "clamp_slip", "bounds": {"clamp_slip.compliance": (0.2, 0.1)}},
-            r"bounds of clamp_slip.compliance must be finite and ascend, got 0\.2:0\.1",
+            r"must be finite and ascend, got 0\.2:0\.1; an effect is held by --hold",
         ),
     ],
 )
@@ -165,6 +179,25 @@ def test_what_cannot_be_asked_for(
 ) -> None:
     with pytest.raises(InputError, match=said):
         fit(make(), starts=1, setup=setup, **options)  # type: ignore[arg-type]
+
+
+def test_equal_bounds_hold_a_modulus(make: Maker, setup: Setup) -> None:
+    """As a prior without doubt does; in refits, folds and batches too."""
+    tests = [make(noise=0.02, name=name, seed=i) for i, name in enumerate(("one", "two"))]
+    options = {"bounds": {"E1": (300.0, 300.0)}, "starts": 1, "setup": setup}
+    found = fit(tests, "likelihood", **options)
+    believed = {**options, "bounds": {}, "priors": {"E1": Prior(300.0, 1e-4)}}
+    wanted = fit(tests, "likelihood", **believed).material.values
+    assert found.material.values["E1"] == 300.0
+    assert found.material.values == pytest.approx(wanted, rel=1e-3)
+    assert [p.name for p in found.free] == ["E2", "G12"]
+    assert "  E1             300 MPa  held" in found.report()
+    assert "\n1 start, 1 converged, 1 at this optimum; " in found.report()
+    refits = bootstrap(found, tests, replicates=20)
+    assert [p.name for p in refits.free] == ["E2", "G12"]
+    folds = crossval(tests, "likelihood", **options)["folds"]
+    assert {fold["parameters"]["E1"] for fold in folds} == {300.0}
+    assert list(batch_of([fit(test, **options) for test in tests]).spreads) == ["E2", "G12"]
 
 
 def test_an_effect_is_found_beside_the_moduli(make: Maker, setup: Setup) -> None:

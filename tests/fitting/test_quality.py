@@ -93,12 +93,13 @@ def test_every_doubt_can_be_said() -> None:
     words = {"name": "E1", "value": 300.0, "lower": 20.0, "upper": 300.0, "starts": 3}
     words |= {"points": "1 point", "parameters": 3, "first": "E1", "second": "nu12", "by": 0.99}
     words |= {"share": 34.0, "names": "E1", "this": "E1 = 300", "other": "E1 = 200"}
+    words |= {"mean": 330.0, "deviation": 0.02, "alone": 320.0, "stderr": 0.1, "apart": 98.1}
     said = [doubt.of(**words) for doubt in Doubt]
     assert all("{" not in one.text and "}" not in one.text for one in said)
     assert said[0].text.endswith("widen --bounds E1=20:300, or hold it")
     assert [one.code for one in said] == [
         "at_bound", "worse_than_undeformed", "explains_little", "other_optimum", "undetermined",
         "no_start_converged", "starts_disagree",
-        "too_few_points", "inseparable", "mesh_error_unknown", "mesh_error_large",
-        "stated_unknown",
+        "too_few_points", "inseparable", "prior_conflict", "mesh_error_unknown",
+        "mesh_error_large", "stated_unknown",
     ]  # fmt: skip

@@ -86,13 +86,15 @@ def test_free_parameters_and_their_bounds() -> None:
     assert [p.name for p in free_parameters("isotropic-EG")] == ["E", "G"]
     found = free_parameters("orthotropic", bounds={"G12": (3, 4)})
     assert [(p.lower, p.upper) for p in found] == [(100, 400), (50, 300), (3, 4)]
+    held = free_parameters("orthotropic", ["nu12"], {"E1": (200, 200), "nu12": (0.3, 0.3)})
+    assert [p.name for p in held] == ["E2", "G12"]
 
 
 @pytest.mark.parametrize(
     ("free", "bounds", "said"),
     [
         ([], {"E1": (300, 200)}, "bounds of E1 are reversed: 300:200"),
-        ([], {"E1": (200, 200)}, "bounds of E1 are reversed"),
+        ([], {"E1": (-200, -200)}, "bounds of E1 must be positive"),
         ([], {"E1": (0, 200)}, "bounds of E1 must be positive"),
         ([], {"E1": (1, np.inf)}, "bounds of E1 must be finite"),
         ([], {"E": (1, 2)}, "'E' is no parameter of orthotropic"),

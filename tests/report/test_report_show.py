@@ -208,6 +208,32 @@ def test_points_that_make_no_surface(tmp_path):
         show(test, tmp_path / "a.png")
 
 
+@pytest.mark.parametrize("options", [{}, {"field": "stress", "window": 30.0}])
+def test_profiles_make_no_surface_by_any_window(options, tmp_path):
+    axis = np.linspace(-95, 95, 101)
+    cross = np.zeros((202, 3))
+    cross[:101, 0] = cross[101:, 1] = axis
+    moved = np.zeros((2, 202, 3))
+    moved[..., 2] = np.multiply.outer([10.0, 20.0], 1 - (cross**2).sum(axis=1) / 1e4)
+    test = BulgeTest.from_arrays(cross, moved, [0.1, 0.2], name="cross")
+    for draw, name in ((show, "a.png"), (animate, "a.gif")):
+        with pytest.raises(
+            InputError, match="make no surface: single ones, or profiles; bulgefit f"
+        ):
+            draw(test, tmp_path / name, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_frame_without_points_is_named(tmp_path):
+    test, _ = made()
+    moved = test.blocks[0].displacement.copy()
+    moved[1] = np.nan
+    lost = BulgeTest.from_arrays(test.blocks[0].reference, moved, test.pressure)
+    for options in ({}, {"field": "strain_xx"}):
+        with pytest.raises(InputError, match="frame 1 has no point at which dx, dy and dz were"):
+            show(lost, tmp_path / "a.png", frame=1, **options)
+
+
 def test_verb(opengl, tmp_path, capsys):
     file = str(tmp_path / "t.npz")
     write_test(made()[0], file)

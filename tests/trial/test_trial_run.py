@@ -405,6 +405,28 @@ def test_an_interrupted_trial_goes_on(tmp_path, monkeypatch, pieces):
     assert not (tmp_path / "journal").exists()
 
 
+def test_what_was_interrupted_before_anything_was_done_begins(tmp_path, monkeypatch):
+    """Ctrl-C while the first test is made: there is a folder, and no journal yet."""
+    from bulgefit.trial import run as module
+
+    words = ["--number", "1", "--output", str(tmp_path / "trial")]
+    monkeypatch.setattr(module, "_all", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        verb.run(arguments(*words))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["trial"]
+    assert (tmp_path / "trial" / "trial.json").is_file()
+    with pytest.raises(InputError, match="holds something"):
+        verb.run(arguments(*words))
+    with pytest.raises(KeyboardInterrupt):  # it goes as far as before
+        verb.run(arguments(*words, "--resume"))
+    with pytest.raises(InputError, match="holds another trial"):
+        verb.run(arguments(*words, "--seed", "1", "--resume"))
+    # a trial that has ended is not done again
+    (tmp_path / "trial" / "answers" / "test_0000.json").write_text("{}")
+    with pytest.raises(InputError, match="holds something"):
+        verb.run(arguments(*words, "--resume"))
+
+
 def test_a_trial_goes_on_in_its_own_folder_alone(tmp_path):
     small(tmp_path)
     with pytest.raises(InputError, match="holds another trial; go on with what"):

@@ -156,7 +156,8 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(f"--from {path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(f"--from {path}: no JSON of bulgefit diagnose or fit ({error})") from error
+        where = f" ({error})" if isinstance(error, json.JSONDecodeError) else ""
+        raise InputError(f"--from {path}: no JSON of bulgefit diagnose or fit{where}") from error
     if not isinstance(content, dict) or not any(
         isinstance(content.get(key), list) for key in ("causes", "starts")
     ):
@@ -189,9 +190,11 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
     from bulgefit.effects.registry import catalogue
 
     known = {name for effect in catalogue().values() for name in effect.names}
-    held = {}
+    held, content = {}, _read(path)
     try:
-        told = _told_effects(_read(path))
+        told = _told_effects(content)
+    except InputError:
+        raise
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
     for key, value in told.items():
@@ -225,8 +228,9 @@ def take_found_moduli(args: argparse.Namespace) -> None:
     if args.from_file is None or args.E is not None:
         return
     path = Path(args.from_file)
+    content = _read(path)
     try:
-        moduli = _told_moduli(_read(path))
+        moduli = _told_moduli(content)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"--from {path}: it has no moduli ({error!r}); give them") from error
     for name, value in moduli.items():

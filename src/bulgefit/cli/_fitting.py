@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_comparison_arguments",
     "add_search_arguments",
+    "check_search",
     "comparison_options",
     "inputs",
     "read_tests",
@@ -116,7 +117,7 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="E1=LOW:HIGH,...",
         help="bounds, of moduli in MPa (default: from the apex of the tests, an eighth to eight "
         "times the modulus that it implies, G12 down to a two hundredth; what is plausible of "
-        "effects)",
+        "effects); equal ones (E1=330:330) hold a modulus",
     )
     group.add_argument(
         "--starts", type=int, default=5, metavar="N", help="scrambled-Sobol starts (default: 5)"
@@ -214,6 +215,14 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
         "method": args.method,
         "limits": Limits(evaluations=args.max_evaluations, objective_change=args.tolerance),
     }
+
+
+def check_search(args: argparse.Namespace, options: dict[str, Any]) -> None:
+    """Refuse what no test could be fitted with, before anything is said of a fit; InputError."""
+    from bulgefit.fitting.options import options_from
+
+    _common.workers_from(args)
+    options_from(None, {"objective": args.objective, **options})
 
 
 def _held(args: argparse.Namespace, free: Sequence[str]) -> dict[str, float]:

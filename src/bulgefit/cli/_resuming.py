@@ -97,6 +97,7 @@ def resumable(
         See `bulgefit.parallel.journal.journaled`.
     """
     from bulgefit.cli import _common
+    from bulgefit.cli.stopping import keeps
     from bulgefit.parallel.journal import journaled
 
     place = _place(args)
@@ -104,6 +105,7 @@ def resumable(
         yield False
         return
     resumed = args.resume and place.is_file()
+    keeps(place)
     with journaled(
         place,
         _asked(args, verb, tests),

@@ -67,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if len(tests) < 2:
         raise InputError("a batch needs two tests or more; bulgefit fit fits one")
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    _fitting.check_search(args, options)
 
     from bulgefit.fitting.batch import batch_of
     from bulgefit.fitting.fit import fit

@@ -7,6 +7,7 @@ import argparse
 from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
+from bulgefit.errors import InputError
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -40,12 +41,17 @@ def run(args: argparse.Namespace) -> int:
     _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args), check_page(args))
     tests = _fitting.read_tests(args)
+    if len(tests) < 2:
+        raise InputError(
+            f"cross-validation needs two tests or more, got {len(tests)}; bulgefit fit fits one"
+        )
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    _fitting.check_search(args, options)
 
     from bulgefit.fitting.crossval import crossval
     from bulgefit.fitting.result import describe_tests
 
-    _common.progress(args, f"{len(tests)} folds of {args.starts} starts")
+    _common.progress(args, f"{len(tests)} folds of {_common.several(args.starts, 'start')}")
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
             result = crossval(tests, args.objective, executor=executor, **options)

@@ -83,14 +83,16 @@ def run(args: argparse.Namespace) -> int:
     files = [path for pair in figures for path in pair]
     _common.check_outputs(args, _fitting.inputs(args), [*files, *check_page(args)])
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    _fitting.check_search(args, options)
     _check_bootstrap(args, tests)
 
     from bulgefit.fitting.fit import fit
 
     _common.progress(
         args,
-        f"fitting {len(tests)} test(s), {sum(t.n_measured for t in tests):,} measured points, "
-        f"{args.starts} starts",
+        f"fitting {_common.several(len(tests), 'test')}, "
+        f"{sum(t.n_measured for t in tests):,} measured points, "
+        f"{_common.several(args.starts, 'start')}",
     )
     with (
         _resuming.resumable(args, "fit", tests),
@@ -224,9 +226,16 @@ def _draw(
         predict(test, result.material, effects=result.effects_of(i), setup=setup).blocks
         for i, test in enumerate(tests)
     ]
-    values = ", ".join(f"{k} {v:.4g}" for k, v in result.material.values.items())
+    values = ", ".join(_with_unit(name, v) for name, v in result.material.values.items())
     label = f"{result.objective} fit: {values}"
     for test, prediction, (profiles, residuals) in zip(tests, predictions, figures, strict=True):
         plot_profiles(test, prediction, profiles, label=label, force=args.force)
         plot_residuals(test, prediction, residuals, force=args.force)
         _common.progress(args, f"drew {profiles} and {residuals}")
+
+
+def _with_unit(name: str, value: float) -> str:
+    from bulgefit.fitting.result import unit_of
+
+    unit = unit_of(name)
+    return f"{name} {value:.4g}" + ("" if unit == "1" else f" {unit}")

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from bulgefit.cli._values import offer_values
 from bulgefit.cli.completion import SHELLS, Completion, complete, is_asked
 from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
-from bulgefit.cli.stopping import Told, leave, listen
+from bulgefit.cli.stopping import Told, keeps, last_words, leave, listen
 from bulgefit.cli.streams import drop, prepare, say
 from bulgefit.errors import BulgefitError
 
@@ -63,6 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; the exit status is returned."""
     words = list(sys.argv[1:] if argv is None else argv)
     prepare()
+    keeps(None)
     if argv is None:  # the program itself, whose signals and environment are its own
         listen(_name(words))
         # a notebook's names a module that may not be here; figures are drawn without any
@@ -80,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             with suppress(OSError, ValueError):
                 sys.stdout.flush()
             leave(_name(words), told)
-        say(f"{_name(words)}: {told.word}\n")
+        say(f"{_name(words)}: {last_words(told)}\n")
         return told.status
     except BrokenPipeError:  # whoever read our output has left; say nothing
         drop(sys.stdout)

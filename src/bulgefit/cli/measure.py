@@ -190,16 +190,20 @@ def _apex(found: Measured, *, sure: bool = True) -> list[str]:
     order = np.argsort(found.pressure, kind="stable")
     shown = order[np.unique(np.linspace(0, len(order) - 1, _LINES).astype(int))]
     for i in shown:
-        bent = apex.curvature[i, 0, 0] + apex.curvature[i, 0, 1]
-        radius = 2.0 / bent
-        of_radius = radius * apex.tension_noise[i, 0] / apex.tension[i, 0]
-        cells = (
+        cells = [
             (apex.strain[i, 0, 0], apex.strain_noise[i, 0, 0], 5, 20),
             (apex.strain[i, 0, 1], apex.strain_noise[i, 0, 1], 5, 20),
-            (radius, of_radius, 1, 18),
-            (apex.tension[i, 0], apex.tension_noise[i, 0], 3, 20),
-            (apex.stress[i, 0], apex.stress_noise[i, 0], 2, 18),
-        )
+        ]
+        if found.pressure[i] <= 0.0:  # nothing is inflated: neither dome nor tension is told
+            cells += [(np.nan, np.inf, 1, width) for width in (18, 20, 18)]
+        else:
+            radius = 2.0 / (apex.curvature[i, 0, 0] + apex.curvature[i, 0, 1])
+            of_radius = radius * apex.tension_noise[i, 0] / apex.tension[i, 0]
+            cells += [
+                (radius, of_radius, 1, 18),
+                (apex.tension[i, 0], apex.tension_noise[i, 0], 3, 20),
+                (apex.stress[i, 0], apex.stress_noise[i, 0], 2, 18),
+            ]
         told = (
             f"{_pair(value, error if sure else np.inf, digits):>{width}}"
             for value, error, digits, width in cells

@@ -12,8 +12,10 @@ from bulgefit.cli import _common
 from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
+from bulgefit.shown import plain
 
 if TYPE_CHECKING:
+    from bulgefit.model.parameters import Material
     from bulgefit.model.simulation import Simulation
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -108,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.fem.mesh import DEFAULT_REFINE
     from bulgefit.model.simulation import simulate
 
-    mesh = None
+    mesh, reach = None, radius or _USUAL_RADIUS
     if args.mesh is not None:
         mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
         reach = float(np.hypot(*mesh.nodes.T).max())
@@ -117,6 +119,7 @@ def run(args: argparse.Namespace) -> int:
                 f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
                 "leave --radius out or scale the mesh"
             )
+    _warn_of_sizes(args, material, reach)
     result = simulate(
         material,
         np.array(pressures) / 10.0,
@@ -138,6 +141,20 @@ def run(args: argparse.Namespace) -> int:
         partial(_draw, args, result, pressures[-1]),
     )
     return 0
+
+
+def _warn_of_sizes(args: argparse.Namespace, material: Material, radius: float) -> None:
+    """Of what `info` would not believe of a test: units that were taken for others."""
+    from bulgefit.dic.check import check_lengths
+    from bulgefit.dic.suspicions.sizes import about_specimen
+
+    moduli = {name: value for name, value in material.values.items() if name.startswith("E")}
+    try:
+        check_lengths(radius, args.thickness, "specimen")
+    except InputError as error:  # which a simulation can do without
+        _common.progress(args, f"warning: {error}")
+    for one in about_specimen(radius, args.thickness, moduli):
+        _common.progress(args, f"warning: {one.text}; {one.remedy}")
 
 
 def _pressures(text: str) -> list[float]:
@@ -331,11 +348,9 @@ def _table(args: argparse.Namespace, result: Simulation, pressures: list[float])
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
     if result.mesh_error_taken_off is not None:
-        left = "unknown" if result.mesh_error is None else f"{1000 * result.mesh_error:.2g} µm"
-        lines.append(
-            f"mesh: up to {1000 * result.mesh_error_taken_off:.2g} µm of its error taken off, "
-            f"{left} left"
-        )
+        taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
+        left = "unknown" if error is None else f"{plain(1000 * error, 2)} µm"
+        lines.append(f"mesh: up to {taken} µm of its error taken off, {left} left")
     if not result.stable:
         lines.append(
             "on this path the tangent is not positive definite somewhere: not all shapes are stable"

@@ -7,12 +7,13 @@ import signal
 import socket
 import threading
 import time
+from pathlib import Path
 from typing import Any, NoReturn
 
 from bulgefit.cli.streams import say
 from bulgefit.files import drop_unfinished
 
-__all__ = ["Told", "leave", "listen"]
+__all__ = ["Told", "keeps", "last_words", "leave", "listen"]
 
 #: Seconds that the program has to clean up after itself; then it ends as it stands.
 GRACE = 0.7
@@ -23,6 +24,9 @@ _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _SHOW_CURSOR = "\x1b[?25h"
 
 _saying = threading.Lock()
+
+#: Where the journal of the run stands, if it keeps one.
+_journal: list[Path] = []
 
 
 class Told(KeyboardInterrupt):
@@ -38,6 +42,17 @@ class Told(KeyboardInterrupt):
         super().__init__()
         self.status = 128 + number
         self.word = _WORDS[signal.Signals(number)]
+
+
+def keeps(journal: Path | None) -> None:
+    """Note where the run that begins keeps what it has done; None: nowhere."""
+    _journal[:] = [] if journal is None else [journal]
+
+
+def last_words(told: Told) -> str:
+    """What ended the program, and what of its work is left to go on from."""
+    kept = [journal for journal in _journal if journal.is_file()]
+    return told.word + "".join(f"; {j} keeps what is done, --resume goes on from it" for j in kept)
 
 
 def listen(name: str) -> None:
@@ -89,5 +104,5 @@ def leave(name: str, told: Told) -> NoReturn:
     told : Told
     """
     if _saying.acquire(blocking=False):  # once, whoever is first
-        say(f"{name}: {told.word}\n")
+        say(f"{name}: {last_words(told)}\n")
     os._exit(told.status)

@@ -161,12 +161,14 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     from itertools import combinations
 
     from bulgefit.dic import read_test
+    from bulgefit.dic.given import distinctly_named
     from bulgefit.dic.suspicions import alarms
+    from bulgefit.dic.suspicions.copies import about_copies
 
     options = reader_options(args)
-    tests = [read_test(path, **options) for path in args.tests]
+    tests = distinctly_named([read_test(path, **options) for path in args.tests])
     for test in tests:
-        for alarm in alarms(test):
+        for alarm in (*alarms(test), *about_copies(test)):
             progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
     for one, other in combinations(tests, 2):
         if same_data(one, other):

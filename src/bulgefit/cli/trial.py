@@ -119,7 +119,8 @@ def run(args: argparse.Namespace) -> int:
             options={"effects": [*CATALOGUE]} if args.strike else None,
             recipe=Recipe(shrink=args.shrink),
             executor=executor,
-            resume=resumed,
+            # without a journal nothing was done; a folder with answers is a trial that has ended
+            resume=resumed or (args.resume and not any(folder.glob("answers/*"))),
             say=lambda line: _common.progress(args, line),
         )
         return _told(args, result)

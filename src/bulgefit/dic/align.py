@@ -172,7 +172,8 @@ def on_plane(test: BulgeTest) -> BulgeTest:
         centre, radius = outline(test)
         test = mend.shifted(test, np.append(-centre, 0.0))
         # the outline may be smaller than the clamp: its own radius says what lies outside
-        test = replace(mend.levelled(replace(test, radius=radius)), radius=test.radius)
+        inner = mend.levelled(replace(test, radius=radius), "leave the plane with --no-plane")
+        test = replace(inner, radius=test.radius)
     return test
 
 

@@ -13,7 +13,7 @@ from bulgefit.errors import InputError
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import Block, BulgeTest
 
-__all__ = ["check", "check_pressure_unit", "increases", "require_increasing"]
+__all__ = ["check", "check_lengths", "check_pressure_unit", "increases", "require_increasing"]
 
 Floats = NDArray[np.floating]
 
@@ -82,8 +82,15 @@ def check_pressure_unit(pressure: Floats, unit: str, where: str) -> None:
         raise InputError(f"{where}: pressure {number:g} {unit} cannot be{looks}; give {unit}")
 
 
-def _check_specimen(test: BulgeTest) -> None:
-    where, radius, thickness, nu = _where(test), test.radius, test.thickness, test.poisson_ratio
+def check_lengths(radius: float, thickness: float, where: str) -> None:
+    """Raise InputError where radius or thickness (mm) look like another unit's.
+
+    Parameters
+    ----------
+    radius, thickness : float, mm
+    where : str
+        File, or whose they are, for the message.
+    """
     if not 0 < radius < np.inf:
         raise InputError(f"{where}: radius {radius:g} mm must be positive; give the clamp's radius")
     if radius < 1:
@@ -107,6 +114,11 @@ def _check_specimen(test: BulgeTest) -> None:
             f"{where}: thickness {thickness:g} mm is more than half the radius {radius:g} mm, it "
             "looks like micrometres; give mm (--thickness)"
         )
+
+
+def _check_specimen(test: BulgeTest) -> None:
+    where, nu = _where(test), test.poisson_ratio
+    check_lengths(test.radius, test.thickness, where)
     if not abs(test.ellipticity) < 1:
         raise InputError(f"{where}: ellipticity {test.ellipticity:g} must lie between -1 and 1")
     if not 0 <= nu < 0.5:

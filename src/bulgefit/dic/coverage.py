@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["coverage"]
+__all__ = ["coverage", "is_near_centre_only"]
 
 Floats = NDArray[np.floating]
 
+# Measured points reach at least this part of the clamp radius.
+_NEAR_CENTRE = 0.5
 # Square bins of a tenth of the radius: wider than the spacing of any usable field.
 _BINS = 20
 # Each bin's share of the disc is found from this many samples a side.
@@ -40,6 +42,11 @@ def coverage(reference: Floats, radius: float) -> tuple[float, tuple[float, ...]
     quadrants = [(high, high), (low, high), (low, low), (high, low)]
     parts = tuple(float(seen[part].sum() / area[part].sum()) for part in quadrants)
     return float(seen.sum() / area.sum()), parts
+
+
+def is_near_centre_only(reach: float, radius: float) -> bool:
+    """Whether the farthest point (mm) leaves most of the clamp's disc unseen."""
+    return reach < _NEAR_CENTRE * radius
 
 
 def _bin_areas() -> NDArray[np.float64]:

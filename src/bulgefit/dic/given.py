@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.copies import without_copies
 from bulgefit.dic.readers import read_test
 from bulgefit.errors import InputError, kind_of
 
-__all__ = ["GivenTest", "GivenTests", "given_test", "given_tests"]
+__all__ = ["GivenTest", "GivenTests", "distinctly_named", "given_test", "given_tests"]
 
 GivenTest = BulgeTest | str | os.PathLike[str]
 GivenTests = GivenTest | Sequence[GivenTest]
@@ -39,7 +42,10 @@ def given_test(test: Any) -> BulgeTest:
 
 
 def given_tests(tests: Any) -> list[BulgeTest]:
-    """One or several tests, each as it is or by its path.
+    """One or several tests, each as it is or by its path, under names that tell them apart.
+
+    Each frame is there once: one that was written twice would count twice, and errors come out too
+    small.
 
     Parameters
     ----------
@@ -51,5 +57,24 @@ def given_tests(tests: Any) -> list[BulgeTest]:
         As of `given_test`.
     """
     if isinstance(tests, (BulgeTest, str, os.PathLike)) or not isinstance(tests, Iterable):
-        return [given_test(tests)]
-    return [given_test(test) for test in tests]
+        tests = [tests]
+    return distinctly_named([without_copies(given_test(test)) for test in tests])
+
+
+def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
+    """Tests of which no two from different files have one name.
+
+    Those that do are called by as much of the ends of their paths, without the suffix where that
+    will do, as tells them apart: a/test and b/test.
+    """
+    names = [test.name for test in tests]
+    alike = [i for i, test in enumerate(tests) if test.source and names.count(test.name) > 1]
+    paths = [Path(tests[i].source).absolute() for i in alike]
+    others = {name for i, name in enumerate(names) if i not in alike}
+    for depth in range(1, max((len(path.parts) for path in paths), default=0) + 1):
+        for ends in ([path.with_suffix("").parts for path in paths], [p.parts for p in paths]):
+            found = ["/".join(parts[-depth:]) for parts in ends]
+            if len({*found, *others}) == len(found) + len(others):
+                new = dict(zip(alike, found, strict=True))
+                return [replace(test, name=new.get(i, test.name)) for i, test in enumerate(tests)]
+    return list(tests)

@@ -178,25 +178,38 @@ def apex_position(test: BulgeTest) -> Floats:
     return np.asarray(np.linalg.solve([[2 * c, d], [d, 2 * e]], [-a, -b]))
 
 
-def levelled(test: BulgeTest) -> BulgeTest:
+#: What else puts a test on its plane: of `bulgefit convert`.
+_BY_HAND = "give z with --shift 0,0,DZ"
+
+
+def levelled(test: BulgeTest, otherwise: str = _BY_HAND) -> BulgeTest:
     """Turn and lift the test so that the plane through the rim of its reference is z = 0.
 
     The plane is the least-squares one through the points of the outer tenth of the radius; the
     frame turns about the horizontal axis that brings it level, displacement with it.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    otherwise : str
+        What to do where there is no such plane, for the message.
 
     Raises
     ------
     InputError
         Too few points lie there, or on one side only.
     """
-    points, normal = rim_plane(test)
+    points, normal = rim_plane(test, otherwise)
     turn = _upright(normal)
     lifted = _changed(test, reference=lambda p: p - [0.0, 0.0, points[2]])
     return turned_by(lifted, turn)
 
 
-def rim_plane(test: BulgeTest) -> tuple[Floats, Floats]:
-    """The plane through the outer ring: its point (0, 0, z) in mm, and its unit normal."""
+def rim_plane(test: BulgeTest, otherwise: str = _BY_HAND) -> tuple[Floats, Floats]:
+    """The plane through the outer ring: its point (0, 0, z) in mm, and its unit normal.
+
+    Parameters and errors as of `levelled`.
+    """
     points = np.concatenate([block.reference[block.measured.any(axis=0)] for block in test.blocks])
     ring = points[np.hypot(*test.on_circle(points).T) > _RING * test.radius]
     basis = np.column_stack([ring[:, :2], np.ones(len(ring))])
@@ -205,8 +218,8 @@ def rim_plane(test: BulgeTest) -> tuple[Floats, Floats]:
     gaps = np.diff(around, append=around[:1] + 2 * np.pi)
     if len(ring) < _FEWEST_POINTS or gaps.max() > np.pi:
         raise InputError(
-            f"{test.source or test.name}: --level needs points all around beyond "
-            f"{_RING * test.radius:g} mm, found {len(ring)}; give z with --shift 0,0,DZ"
+            f"{test.source or test.name}: the plane through the rim needs points all around "
+            f"beyond {_RING * test.radius:g} mm, found {len(ring)}; {otherwise}"
         )
     a, b, height = np.linalg.lstsq(basis, ring[:, 2], rcond=None)[0]
     return np.array([0.0, 0.0, height]), np.array([-a, -b, 1.0]) / np.sqrt(a * a + b * b + 1)

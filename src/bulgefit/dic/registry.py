@@ -94,6 +94,8 @@ class Reader:
         Whether its positions are those before inflation ("reference") or at the frame ("current").
     by_content : bool
         Whether `matches` looks into the file; then it goes before formats that know only names.
+    instead : str
+        Where it says what options of other formats do, for who asks for one of those.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Reader:
     lost: str = "NaN"
     positions: str = "reference"
     by_content: bool = False
+    instead: str = ""
 
 
 READERS: dict[str, Reader] = {}
@@ -119,6 +122,7 @@ def reader(
     example: str = "",
     lost: str = "NaN",
     positions: str = "reference",
+    instead: str = "",
 ) -> Callable[[Callable[..., Recording]], Callable[..., Recording]]:
     """Register the decorated function as the reader of a format.
 
@@ -134,6 +138,8 @@ def reader(
         Keyword arguments that the function takes beside the path.
     example, lost, positions : str
         Shown by `bulgefit formats` (see `Reader`).
+    instead : str
+        See `Reader`.
 
     Examples
     --------
@@ -164,6 +170,7 @@ def reader(
             example,
             lost,
             positions,
+            instead=instead,
         )
         return function
 
@@ -186,8 +193,10 @@ def choose_reader(source: Source, format: str | None, options: dict[str, Any]) -
         chosen = _matching(source, options)
     for option in options:
         if option not in chosen.options:
+            written = f"--{option.replace('_', '-')}"
             raise InputError(
-                f"{source.path}: the format {chosen.name} has no option {option!r}; leave it out"
+                f"{source.path}: the format {chosen.name} has no option {written}; leave it out"
+                + (f" ({chosen.instead})" if chosen.instead else "")
             )
     return chosen
 

@@ -193,11 +193,19 @@ def stages(names: tuple[str, ...], *counts: int) -> tuple[tuple[str, ...], ...]:
 
 
 def several(
-    names: tuple[str, ...], unit: str, size: float, *, prior: float, reason: str, step: float
+    names: tuple[str, ...],
+    unit: str,
+    size: float,
+    *,
+    prior: float,
+    reason: str,
+    step: float,
+    above: float | None = None,
 ) -> tuple[Parameter, ...]:
     """Parameters that are alike, plausible from -size to size."""
     return tuple(
-        Parameter(name, unit, -size, size, prior=prior, reason=reason, step=step) for name in names
+        Parameter(name, unit, -size, size, prior=prior, reason=reason, step=step, above=above)
+        for name in names
     )
 
 

@@ -27,6 +27,7 @@ class DepthScale(Effect):
         prior=0.01,
         reason="a stereo angle that is off by a tenth of a degree",
         step=1e-5,
+        above=-1.0,
     )
     of_rig = True
     order = MOTION + 2

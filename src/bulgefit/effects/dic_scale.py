@@ -27,6 +27,7 @@ class DicScale(Effect):
         prior=0.01,
         reason="a calibration target whose spacing is known within 1 %",
         step=1e-5,
+        above=-1.0,
     )
     of_rig = True
     order = 1

@@ -127,6 +127,9 @@ class Parameter:
         lift's amplitude governs its direction.
     period : float or None
         What values may differ by and be the same; None: each is another.
+    above : float or None
+        Which a value must exceed to mean anything, where no other attribute says so: a gauge whose
+        gain is -1 reads nothing whatever the pressure.
     """
 
     name: str
@@ -142,11 +145,25 @@ class Parameter:
     origin: float | None = None
     governor: str | None = None
     period: float | None = None
+    above: float | None = None
 
     @property
     def begins_at_null(self) -> bool:
         """Whether the plausible range begins where the effect is absent: no edge to be held at."""
         return self.null == self.lower
+
+    def require(self, value: float, where: str) -> None:
+        """Raise InputError for a value that means nothing, as a clamp that gives by less than none.
+
+        What is plausible (`lower`, `upper`) is no such limit, but where it begins at the null.
+        """
+        if not math.isfinite(value):
+            raise InputError(f"{where} must be finite, got {value:g}")
+        above = (self.origin or 0.0) if self.coordinate == "log" else self.above
+        if above is not None and value <= above:
+            raise InputError(f"{where} must be above {above:g}, got {value:g}")
+        if self.begins_at_null and value < self.lower:
+            raise InputError(f"{where} must be {self.lower:g} or more, got {value:g}")
 
     def from_origin(self, value: float) -> float:
         """How far a value is from the origin."""

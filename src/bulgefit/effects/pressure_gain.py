@@ -27,6 +27,7 @@ class PressureGain(Effect):
             prior=0.01,
             reason="the accuracy class of workshop gauges",
             step=1e-5,
+            above=-1.0,
         ),
     )
     never_separable = "a gain of pressure is a gain of every modulus"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, one_of
 from bulgefit.fem import lapack
 from bulgefit.fem.banded import stored_height, substitute
 from bulgefit.fem.ordering import narrow_order
@@ -407,8 +407,7 @@ def make_solver(
     """
     if name is None:
         name = _best(int(free.sum()))
-    if name not in SOLVERS:
-        raise InputError(f"linear solver: {name!r} is unknown; choose from {', '.join(SOLVERS)}")
+    one_of(name, SOLVERS, "linear solver")
     return SOLVERS[name](positions, cells, free)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, one_of
 from bulgefit.fem.clamp import Clamp
 from bulgefit.fem.ellipticity import ROUNDING, least_margin
 from bulgefit.fem.geometry import ReferenceSurface
@@ -259,8 +259,7 @@ class Membrane:
         like: Membrane | None = None,
         ties: Ties | None = None,
     ) -> None:
-        if law not in LAWS:
-            raise InputError(f"law: {law!r} is unknown; choose from {', '.join(LAWS)}")
+        one_of(law, LAWS, "law")
         if not (np.isfinite(thickness) and thickness > 0.0):
             raise InputError(f"thickness must be positive, got {thickness:g} mm")
         if ties is not None and fabric is not None and fabric.compliance is not None:

@@ -114,6 +114,12 @@ def _parts(count: int, cells: NDArray[np.int64]) -> int:
     return int(connected_components(joined, directed=False, return_labels=False))
 
 
+def check_refine(refine: int) -> None:
+    """Refuse a number of refinements that no mesh of ours has; InputError."""
+    if not 1 <= refine <= MOST_REFINE:
+        raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
+
+
 def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     """An O-grid: a rounded square in the middle, a ring of rays round it.
 
@@ -126,8 +132,7 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     refine : int
         Cells grow as 57 refine² (refine 4: 912 cells, 961 nodes).
     """
-    if not 1 <= refine <= MOST_REFINE:
-        raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
+    check_refine(refine)
     side, ring = 3 * refine, 4 * refine
     core = 0.42  # half diagonal of the middle square over the radius
     t = np.linspace(-1.0, 1.0, side + 1)

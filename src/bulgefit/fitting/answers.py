@@ -35,10 +35,12 @@ class Evaluation(Drawn, Tabled, dict[str, Any]):
 
     def report(self) -> str:
         """The table to read."""
-        lines = ["mm".ljust(28) + "".join(f"{shown:>10}" for shown in _PARTS.values())]
-        for name, row in self.each():
-            cells = "".join(_cell(row.get(key), ".4f") for key in _PARTS)
-            lines.append(name[:27].ljust(28) + cells)
+        each = self.each()
+        names = max(28, *(len(name) + 1 for name, _ in each))
+        lines = ["mm".ljust(names) + "".join(f"{shown:>10}" for shown in _PARTS.values())]
+        for name, row in each:
+            cells = "".join(_cell(row.get(key), ".4f", 10) for key in _PARTS)
+            lines.append(name.ljust(names) + cells)
         return "\n".join([*lines, f"weight of dz in e_w: {self['weight']:.4f}"])
 
     def each(self) -> list[tuple[str, dict[str, Any]]]:
@@ -59,24 +61,24 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         return dict(self)
 
     def _rows(self) -> Rows:
-        folds = self["folds"]
-        units = {
-            **{name: unit_of(name) for name in folds[0]["parameters"]},
-            "training": "1" if self["objective"] == LIKELIHOOD else "mm",
-            **dict.fromkeys(OBJECTIVES, "mm"),
-        }
-        return Rows("left_out", self._columns(), [fold["left_out"] for fold in folds], units)
+        names = [fold["left_out"] for fold in self["folds"]]
+        return Rows("left_out", self._columns(), names, self._units())
 
     def __repr__(self) -> str:
         return self.report()
 
     def report(self) -> str:
         """The table to read."""
-        columns = self._columns()
-        lines = ["left out".ljust(28) + "".join(f"{name:>10}" for name in columns)]
+        columns, units = self._columns(), self._units()
+        heads = [n if units[n] == "1" else f"{n} ({units[n]})" for n in columns]
+        widths = [max(10, len(head) + 2) for head in heads]
+        names = max(28, *(len(fold["left_out"]) + 1 for fold in self["folds"]))
+        shown = (f"{head:>{width}}" for head, width in zip(heads, widths, strict=True))
+        lines = ["left out".ljust(names) + "".join(shown)]
         for fold, row in zip(self["folds"], zip(*columns.values(), strict=True), strict=True):
-            cells = "".join(_cell(number, ".4g") for number in row)
-            lines.append(fold["left_out"][:27].ljust(28) + cells)
+            pairs = zip(row, widths, strict=True)
+            cells = "".join(_cell(number, ".4g", width) for number, width in pairs)
+            lines.append(fold["left_out"].ljust(names) + cells)
         mean, spread = self["mean"], self["standard_deviation"]
         lines.append(
             f"{self['objective']} left out: "
@@ -84,6 +86,14 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
             + ("" if spread is None else f", standard deviation {spread:.4g} mm")
         )
         return "\n".join(lines)
+
+    def _units(self) -> dict[str, str]:
+        """Of the table's columns."""
+        return {
+            **{name: unit_of(name) for name in self["folds"][0]["parameters"]},
+            "training": "1" if self["objective"] == LIKELIHOOD else "mm",
+            **dict.fromkeys(OBJECTIVES, "mm"),
+        }
 
     def _columns(self) -> dict[str, list[float | None]]:
         """Of the table, in the order of the folds."""
@@ -95,5 +105,5 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         }
 
 
-def _cell(value: float | None, digits: str) -> str:
-    return f"{'-' if value is None else format(value, digits):>10}"
+def _cell(value: float | None, digits: str, width: int) -> str:
+    return f"{'-' if value is None else format(value, digits):>{width}}"

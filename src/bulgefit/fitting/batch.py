@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.errors import InputError, needed
 from bulgefit.fitting.result import FitResult
-from bulgefit.shown import Drawn
+from bulgefit.shown import Drawn, plain
 
 __all__ = ["SCATTERED", "Batch", "Spread", "batch_of", "spread_of"]
 
@@ -157,10 +157,11 @@ class Batch(Drawn, Tabled):
         names = list(self.spreads)
         width = max(20, *(len(name) for name in self.names)) + 2
         units = [f"{n} ({s.unit})" if s.unit != "1" else n for n, s in self.spreads.items()]
-        lines = ["specimen".ljust(width) + "".join(f"{unit:>24}" for unit in units)]
+        widths = [max(24, len(unit) + 2) for unit in units]
+        lines = [_line("specimen", width, units, widths)]
         for specimen, fit in zip(self.names, self.fits, strict=True):
             cells = [_cell(_found(fit, name)) for name in names]
-            lines.append(specimen.ljust(width) + "".join(f"{cell:>24}" for cell in cells))
+            lines.append(_line(specimen, width, cells, widths))
         for words, of in (
             ("mean", "mean"),
             ("standard deviation", "standard_deviation"),
@@ -168,7 +169,7 @@ class Batch(Drawn, Tabled):
         ):
             numbers = [getattr(spread, of) for spread in self.spreads.values()]
             cells = ["-" if number is None else f"{number:.5g}" for number in numbers]
-            lines.append(words.ljust(width) + "".join(f"{cell:>24}" for cell in cells))
+            lines.append(_line(words, width, cells, widths))
         return "\n".join([*lines, *self._verdicts()])
 
     def _verdicts(self) -> list[str]:
@@ -185,7 +186,7 @@ class Batch(Drawn, Tabled):
                 out.append(
                     f"{name}: the specimens differ by more than their standard errors (chi² "
                     f"{spread.chi_square:.3g} of {spread.count - 1}, probability "
-                    f"{spread.probability:.2g}); {share:.2g} % of the mean beyond them"
+                    f"{spread.probability:.2g}); {plain(share, 2)} % of the mean beyond them"
                 )
             else:
                 out.append(f"{name}: the specimens differ by no more than their standard errors")
@@ -220,6 +221,12 @@ def _found(fit: FitResult, name: str) -> tuple[float, float] | None:
     if error is None:
         return None
     return float({**fit.material.values, **fit.effects}[name]), float(error)
+
+
+def _line(first: str, width: int, cells: Sequence[str], widths: Sequence[int]) -> str:
+    """A row of a table, the first cell to the left."""
+    rest = (f"{cell:>{wide}}" for cell, wide in zip(cells, widths, strict=True))
+    return first.ljust(width) + "".join(rest)
 
 
 def _cell(found: tuple[float, float] | None) -> str:

@@ -211,8 +211,8 @@ def _block_length(tests: Sequence[BulgeTest], block: int | None) -> int:
 
 def _problem(found: FitResult, tests: Sequence[BulgeTest]) -> Problem:
     """The problem that was solved, with the mesh's error taken off as it is at its optimum."""
-    free = {p.name: (p.lower, p.upper) for p in found.free}
-    problem = replace(found.options, bounds=free, weight=found.weights).problem(tests)
+    bounds = {**found.options.bounds, **{p.name: (p.lower, p.upper) for p in found.free}}
+    problem = replace(found.options, bounds=bounds, weight=found.weights).problem(tests)
     if problem.objective.setup.corrects_mesh:
         z = problem.coordinates({**found.material.values, **found.effects})
         problem.objective.correct_mesh(problem.shapes(z))

@@ -22,8 +22,8 @@ from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.multistart import best_of, descents, starting_points
 from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES, displacement_weight
 from bulgefit.fitting.options import FitOptions, options_from
-from bulgefit.fitting.problem import Problem
-from bulgefit.fitting.result import FORMAT, bounded
+from bulgefit.fitting.problem import Problem, bounded
+from bulgefit.fitting.result import FORMAT
 from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["crossval"]

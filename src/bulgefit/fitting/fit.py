@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import BulgefitError
+from bulgefit.fitting.beliefs import beliefs_of
 from bulgefit.fitting.minimise import Descent, descend
 from bulgefit.fitting.multistart import best_of, multistart
 from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.quality import quality_of
-from bulgefit.fitting.result import FitResult, Stability, bounded, describe_tests
+from bulgefit.fitting.result import FitResult, Stability, describe_tests
 from bulgefit.fitting.uncertainty import uncertainty_of
 from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.threads import one_blas_thread
@@ -123,10 +124,10 @@ def _result(
     objective = problem.objective
     z = problem.coordinates(last.best.values)
     shapes = problem.shapes(z, derivatives=True)
-    values = problem.values(z)
-    at_bound = np.array([bounded(p, values[p.name]) for p in problem.free])
+    at_bound = problem.at_bound(z)
     noises = noise_left(objective, shapes)
     errors = uncertainty_of(problem, z, shapes, at_bound, options.uncertainty, noises)
+    beliefs = beliefs_of(problem, z, options)
     value = objective.value(shapes)
     return FitResult(
         material=problem.material(z),
@@ -139,7 +140,8 @@ def _result(
         descents=descents,
         stability=stability(objective.tests, shapes),
         uncertainty=errors,
-        quality=quality_of(problem, z, value, shapes, descents, errors, at_bound, noises),
+        beliefs=beliefs,
+        quality=quality_of(problem, z, value, shapes, descents, errors, at_bound, noises, beliefs),
         options=options,
         settings=_settings(problem, options),
         seconds=time.perf_counter() - began,

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear, minimize
 
-from bulgefit.errors import InputError
+from bulgefit.errors import one_of
 from bulgefit.fitting.problem import Evaluation, Problem
 
-__all__ = ["GAUSS_NEWTON", "METHODS", "Descent", "Limits", "Stop", "descend"]
+__all__ = ["GAUSS_NEWTON", "METHODS", "Descent", "Limits", "Stop", "check_method", "descend"]
 
 Floats = NDArray[np.floating]
 
@@ -36,6 +36,7 @@ CREEPING, SLOWLY = 3, 0.1
 #: scipy minimisers that use a gradient and bounds; others are called without a gradient.
 _WITH_GRADIENT = ("L-BFGS-B", "TNC", "SLSQP", "trust-constr")
 _WITHOUT_GRADIENT = ("Nelder-Mead", "Powell", "COBYLA", "COBYQA")
+_OF_SCIPY = {name.lower(): name for name in (*_WITH_GRADIENT, *_WITHOUT_GRADIENT)}
 METHODS = (GAUSS_NEWTON, *_WITH_GRADIENT, *_WITHOUT_GRADIENT)
 
 
@@ -172,11 +173,15 @@ def descend(
     return Descent(problem.values(start), best, reason, converged, recorder.history)
 
 
+def check_method(method: str) -> None:
+    """Refuse a method that is unknown; large and small letters are alike. InputError."""
+    if method != GAUSS_NEWTON and method.lower() not in _OF_SCIPY:
+        one_of(method, METHODS, "method")
+
+
 def _scipy(method: str) -> Callable[[_Recorder, Floats], tuple[str, bool]]:
-    names = {m.lower(): m for m in (*_WITH_GRADIENT, *_WITHOUT_GRADIENT)}
-    if method.lower() not in names:
-        raise InputError(f"method: {method!r} is unknown; choose from {', '.join(METHODS)}")
-    name = names[method.lower()]
+    check_method(method)
+    name = _OF_SCIPY[method.lower()]
 
     def run(recorder: _Recorder, start: Floats) -> tuple[str, bool]:
         exact = name in _WITH_GRADIENT

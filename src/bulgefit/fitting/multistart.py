@@ -20,7 +20,7 @@ from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
-__all__ = ["Problems", "best_of", "descents", "multistart", "starting_points"]
+__all__ = ["Problems", "best_of", "check_starts", "descents", "multistart", "starting_points"]
 
 Floats = NDArray[np.floating]
 
@@ -33,10 +33,15 @@ class Problems(Protocol):
         ...
 
 
-def starting_points(size: int, count: int, seed: int) -> Floats:
-    """Scrambled Sobol points (count, size) in the unit cube: the same for the same seed."""
+def check_starts(count: int) -> None:
+    """Refuse a number of starts of which none is one; InputError."""
     if count < 1:
         raise InputError(f"starts: must be 1 or more, got {count}")
+
+
+def starting_points(size: int, count: int, seed: int) -> Floats:
+    """Scrambled Sobol points (count, size) in the unit cube: the same for the same seed."""
+    check_starts(count)
     if size == 0:
         return np.zeros((1, 0))
     sampler = qmc.Sobol(size, scramble=True, rng=np.random.default_rng(seed))

@@ -28,14 +28,22 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import Noise, noise_of
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, one_of
 from bulgefit.fitting.l1 import Rows, count_and_peaks
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import Sight, virtual_tests
 
-__all__ = ["LIKELIHOOD", "OBJECTIVES", "Look", "Objective", "TestParts", "displacement_weight"]
+__all__ = [
+    "LIKELIHOOD",
+    "OBJECTIVES",
+    "Look",
+    "Objective",
+    "TestParts",
+    "check_comparison",
+    "displacement_weight",
+]
 
 Floats = NDArray[np.floating]
 
@@ -156,6 +164,12 @@ class _View:
         return some
 
 
+def check_comparison(objective: str, average: str) -> None:
+    """Refuse an objective, or a way to average, that is unknown; InputError."""
+    one_of(objective, (*OBJECTIVES, LIKELIHOOD), "objective")
+    one_of(average, AVERAGES, "average")
+
+
 class Objective:
     """One of the objectives on given tests.
 
@@ -184,11 +198,7 @@ class Objective:
         weight: float | Sequence[float] | None = None,
         average: str = "points",
     ) -> None:
-        if name not in (*OBJECTIVES, LIKELIHOOD):
-            known = ", ".join((*OBJECTIVES, LIKELIHOOD))
-            raise InputError(f"objective: {name!r} is unknown; choose from {known}")
-        if average not in AVERAGES:
-            raise InputError(f"average: {average!r} is unknown; choose from {', '.join(AVERAGES)}")
+        check_comparison(name, average)
         self.name, self.average = name, average
         self.virtual = virtual_tests(tests, setup)
         self.tests = tuple(v.test for v in self.virtual)

@@ -10,10 +10,11 @@ from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
-from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
-from bulgefit.fitting.objective import Objective
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits, check_method
+from bulgefit.fitting.multistart import check_starts
+from bulgefit.fitting.objective import Objective, check_comparison
 from bulgefit.fitting.problem import Prior, Problem
-from bulgefit.model.parameters import as_values
+from bulgefit.model.parameters import as_values, parameters_of
 from bulgefit.model.setup import Setup
 
 __all__ = ["FitOptions", "options_from"]
@@ -32,7 +33,7 @@ class FitOptions:
         Freed beyond the moduli: "nu12" or "nu".
     bounds : mapping of name to (lower, upper)
         MPa, or the unit of an effect's parameter; default: from the tests' apex, and what is
-        plausible.
+        plausible. Equal ones hold a modulus.
     held : mapping of name to value
         nu12 or nu where it is not the tests', and effects' parameters (`effect.parameter`, test i's
         own `effect.parameter@i`) that are not at their null.
@@ -70,6 +71,18 @@ class FitOptions:
     seed: int = 0
     method: str = GAUSS_NEWTON
     limits: Limits | None = None
+
+    def check(self) -> None:
+        """Refuse names and numbers with which no test could be fitted, before any work.
+
+        Raises
+        ------
+        InputError
+        """
+        check_comparison(self.objective, self.average)
+        parameters_of(self.material)
+        check_method(self.method)
+        check_starts(self.starts)
 
     def problem(self, tests: Sequence[BulgeTest]) -> Problem:
         """The problem that they pose on given tests; InputError."""
@@ -148,4 +161,6 @@ def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitO
             given[name] = tuple(part for part in given[name].split(",") if part)
         elif name in given:
             given[name] = tuple(given[name])
-    return replace(options or FitOptions(), **given)
+    chosen = replace(options or FitOptions(), **given)
+    chosen.check()
+    return chosen

@@ -18,13 +18,16 @@ from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.parameters import Material, free_parameters, parameters_of
+from bulgefit.model.parameters import Material, free_parameters, held_by, parameters_of
 
-__all__ = ["Evaluation", "Prior", "Problem", "key_among", "stated_ratio"]
+__all__ = ["Evaluation", "Prior", "Problem", "bounded", "key_among", "stated_ratio"]
 
 Floats = NDArray[np.floating]
 
 Of = TypeVar("Of")
+
+#: Part of the range between the bounds within which a parameter counts as at its bound.
+AT_BOUND = 1e-3
 
 #: Exponent of what priors raise a sum of absolute deviations by, before numbers end.
 _LARGEST = 600.0
@@ -81,7 +84,7 @@ class Problem:
     free : iterable of str
         Freed beyond the moduli.
     bounds : mapping of name to (lower, upper), optional
-        Default: from the tests' apex (`bulgefit.fitting.guess`).
+        Default: from the tests' apex (`bulgefit.fitting.guess`). Equal ones hold a modulus.
     held : mapping of name to value, optional
         Values of parameters that are not free, `effect.parameter` and test i's own
         `effect.parameter@i` among them; default the tests' Poisson ratio and every effect's null.
@@ -105,17 +108,25 @@ class Problem:
         tests, given = objective.tests, by_key(bounds or {})
         ours = {p.name for p in parameters_of(kind)}
         implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
-        moduli = free_parameters(kind, free, implied | _of_material(given))
+        limits = implied | _of_material(given)
+        moduli = free_parameters(kind, free, limits)
         freed = _freed(effects, len(tests), objective)
         fixed = _known(held or {}, ours, len(tests))
+        by_bounds = {Key("", n): ends[0] for n, ends in limits.items() if held_by(ends)}
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
         for key in fixed:
             if key.name in {own.name for own in self.keys}:
                 raise InputError(f"hold: {key} is fitted; hold it or fit it")
+        if not self.free:
+            raise InputError(
+                "bounds: they hold everything, and nothing is left to fit; widen those of one, or "
+                "compare what is held (bulgefit evaluate)"
+            )
         for key in given:
-            self._meant(key, "bounds")
-        stated = _of_material(fixed)
+            if key not in by_bounds:
+                self._meant(key, "bounds")
+        stated = _of_material(fixed | by_bounds)
         self.held = {
             name: stated[name] if name in stated else stated_ratio(tests)
             for name in (p.name for p in parameters_of(kind))
@@ -200,6 +211,11 @@ class Problem:
     def values(self, z: Floats) -> dict[str, float]:
         """The same under their names, as results tell them."""
         return {str(key): value for key, value in self.keyed(z).items()}
+
+    def at_bound(self, z: Floats) -> NDArray[np.bool_]:
+        """Which free parameters sit at a bound, (free,)."""
+        values = self.values(z)
+        return np.array([bounded(p, values[p.name]) for p in self.free])
 
     def value_at(self, index: int, coordinate: float) -> float:
         """A free parameter's value at its coordinate, within its bounds or not."""
@@ -297,8 +313,8 @@ class Problem:
         for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
             prior = self.priors.get(key)
             if prior is not None:
-                by_z = p.slope(values[key]) * (self._upper[j] - self._lower[j])
-                by_z /= p.by_value(values[key])
+                by_z = p.slope(values[key]) / p.by_value(values[key])
+                by_z *= self._upper[j] - self._lower[j]
                 slope[j] = weight * (values[key] - prior.mean) / prior.deviation**2 * by_z
                 hessian[j, j] = weight * (by_z / prior.deviation) ** 2
         return hessian, slope
@@ -312,6 +328,19 @@ class Problem:
             return 1.0
         exponent = 0.5 * self._squares(z) * self._inflation / self.objective.count
         return float(np.exp(min(exponent, _LARGEST)))
+
+    def scores_of_priors(self, value: float, z: Floats) -> Floats:
+        """Covariance of the slope that the priors add, if their means are off by their deviations.
+
+        The slope is w (v - m)/s² by the value: its variance is w times the Hessian's w/s².
+        """
+        return self._weight_of_priors(value) * self.pull(value, z)[0]
+
+    def without_prior(self, key: Key) -> Problem:
+        """The same without what is believed of one parameter."""
+        other = copy(self)
+        other.priors = {own: prior for own, prior in self.priors.items() if own != key}
+        return other
 
     def _believed(self, value: float, z: Floats) -> float:
         if self.objective.squared:
@@ -372,6 +401,16 @@ class Problem:
         return float(np.clip(start, parameter.lower, parameter.upper))
 
 
+def bounded(parameter: Parameter, value: float) -> bool:
+    """Whether a value sits at a bound, which is no result.
+
+    Where the range begins at the null, that end is no bound: the effect is absent there.
+    """
+    low, high, at = (parameter.to_coordinate(v) for v in (parameter.lower, parameter.upper, value))
+    near = AT_BOUND * (high - low)
+    return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
+
+
 def _of_material(values: Mapping[Key, Of]) -> dict[str, Of]:
     """Those of the material, by name."""
     return {key.name: value for key, value in values.items() if not key.effect}
@@ -385,7 +424,7 @@ def _known(held: Mapping[str, float], ours: set[str], count: int) -> dict[Key, f
             raise InputError(f"hold: {name} must be finite, got {value:g}")
         key = key_among(name, count, "hold")
         if key.effect:
-            parameter_named(key.name)
+            parameter_named(key.name).require(value, f"hold: {name}")
         elif name not in ours:
             raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
         out[key] = float(value)
@@ -422,7 +461,11 @@ def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
     of_all = bounds.get(key._replace(specimen=None), (parameter.lower, parameter.upper))
     low, high = bounds.get(key, of_all)
     if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
-        raise InputError(f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}")
+        raise InputError(
+            f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}; an effect is held "
+            "by --hold"
+        )
+    parameter.require(low, f"bounds of {key}")
     return replace(parameter, name=str(key), lower=low, upper=high)
 
 

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from bulgefit.dic.noise import Noise
 from bulgefit.dic.suspicions import alarms
 from bulgefit.dic.suspicions.points import about_apex_hole
+from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.optima import elsewhere, of_equal_worth
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
+from bulgefit.shown import plain
 
 __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
@@ -63,6 +65,11 @@ class Doubt(Enum):
         "(--objective e_w), or fewer parameters"
     )
     INSEPARABLE = "{first} and {second} cannot be told apart (correlation {by:.3f}): hold one"
+    PRIOR_CONFLICT = (
+        "{name}: the prior, {mean:.6g} ± {deviation:.3g}, and what is found without it, "
+        "{alone:.6g} ± {stderr:.3g}, are {apart:.3g} combined standard errors apart: one of them "
+        "is wrong; look at the prior and its unit, and at the test, and leave out what is wrong"
+    )
     MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
     MESH_ERROR_LARGE = (
         "what is left of the mesh's error is more than a third of the noise: raise --refine"
@@ -144,16 +151,18 @@ class Quality:
         parts = []
         if self.misfit_over_noise is not None:
             parts.append(f"misfit {self.misfit_over_noise:.3g} times the noise")
-        parts.append(f"{100 * self.explained_share:.4g} % of the measured displacement explained")
+        explained = plain(100 * self.explained_share, 4)
+        parts.append(f"{explained} % of the measured displacement explained")
         if self.structured_share is not None:
-            parts.append(f"{100 * self.structured_share:.3g} % of the square misfit is structure")
+            structured = plain(100 * self.structured_share, 3)
+            parts.append(f"{structured} % of the square misfit is structure")
         parts.append(f"{self.agreeing} of {self.starts} starts agree")
         head = "; ".join(parts)
         if self.mesh_error_mm is not None:
-            left = ", ".join(f"{1000 * e:.2g}" for e in self.mesh_error_mm)
+            left = ", ".join(plain(1000 * e, 2) for e in self.mesh_error_mm)
             head += f"\nleft of the mesh's error: {left} µm in dx, dy, dz"
             if self.noise_mm is not None:
-                noise = ", ".join(f"{1000 * s:.2g}" for s in self.noise_mm)
+                noise = ", ".join(plain(1000 * s, 2) for s in self.noise_mm)
                 head += f", beside a noise of {noise} µm"
         return [*(f"WARNING: {w.text}" for w in self.warnings), head]
 
@@ -167,6 +176,7 @@ def quality_of(
     errors: Uncertainty,
     bounded: NDArray[np.bool_],
     left: Sequence[Noise | None],
+    beliefs: Sequence[Belief],
 ) -> Quality:
     """Judge a fit at its optimum; `left` is the noise of each test there."""
     objective = problem.objective
@@ -207,6 +217,7 @@ def quality_of(
             ),
             *_about_result(problem, z, bounded, explained, descents),
             *_about_errors(problem, bounded, errors, words),
+            *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
             *_about_mesh(problem, errors, noise),
         ],
@@ -231,11 +242,11 @@ def _words(name: str, value: float, error: float | None) -> str:
         return f"{name} cannot be found from this test"
     share = abs(error / value)
     if share <= _WELL:
-        return f"{name} is found within {100 * share:.2g} %"
+        return f"{name} is found within {plain(100 * share, 2)} %"
     if share <= _ROUGHLY:
-        return f"{name} is found roughly, within {100 * share:.2g} %"
+        return f"{name} is found roughly, within {plain(100 * share, 2)} %"
     if share <= _HARDLY:
-        return f"{name} is hardly found: its standard error is {100 * share:.2g} % of it"
+        return f"{name} is hardly found: its standard error is {plain(100 * share, 2)} % of it"
     return f"{name} cannot be found from this test"
 
 
@@ -280,6 +291,18 @@ def _about_errors(
         yield Doubt.UNDETERMINED.of(names=" and ".join(lost))
     for name in errors.unknown:
         yield Doubt.STATED_UNKNOWN.of(name=name)
+
+
+def _of_conflict(belief: Belief) -> Warned:
+    told = belief.to_dict()
+    return Doubt.PRIOR_CONFLICT.of(
+        name=belief.name,
+        mean=told["mean"],
+        deviation=told["deviation"],
+        alone=told["without"],
+        stderr=told["stderr_without"],
+        apart=told["apart"],
+    )
 
 
 def _about_search(

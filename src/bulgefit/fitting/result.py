@@ -14,22 +14,21 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import parameter_named
+from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import LIKELIHOOD, TestParts
 from bulgefit.fitting.options import FitOptions
+from bulgefit.fitting.problem import bounded
 from bulgefit.fitting.quality import Quality
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import Material
 from bulgefit.model.setup import Setup
 from bulgefit.shown import Drawn
 
-__all__ = ["FORMAT", "FitResult", "Stability", "bounded", "describe_tests", "unit_of", "versions"]
+__all__ = ["FORMAT", "FitResult", "Stability", "describe_tests", "unit_of", "versions"]
 
 #: Version of the layout of the JSON.
 FORMAT = 2
-
-#: Part of the range between the bounds within which a parameter counts as at its bound.
-AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -77,6 +76,8 @@ class FitResult(Drawn, Tabled):
         In the order of the starts.
     stability : Stability
     uncertainty : Uncertainty
+    beliefs : list of Belief
+        Each prior, and what is found without it.
     quality : Quality
     options : FitOptions
         Everything needed to run the fit again.
@@ -98,6 +99,7 @@ class FitResult(Drawn, Tabled):
     descents: list[Descent]
     stability: Stability
     uncertainty: Uncertainty
+    beliefs: list[Belief]
     quality: Quality
     options: FitOptions
     settings: dict[str, Any]
@@ -159,6 +161,7 @@ class FitResult(Drawn, Tabled):
                 {"parameters": list(pair), "correlation": value}
                 for pair, value in self.uncertainty.correlation.items()
             ],
+            "priors": [belief.to_dict() for belief in self.beliefs],
             "material": self.material.kind,
             "weight": self.weights[2],
             "weights": self.weights,
@@ -214,6 +217,7 @@ class FitResult(Drawn, Tabled):
             unit = unit_of(name, free)
             shown = f"  {name:<{width}}{value:>12.6g} {'' if unit == '1' else unit:<4} "
             lines.append(shown + (self._sure_of(free[name]) if name in free else "held"))
+        lines += [belief.line(unit_of(belief.name, free)) for belief in self.beliefs]
         for name in self.uncertainty.differing():
             noise, block = (
                 errors[name]
@@ -224,11 +228,13 @@ class FitResult(Drawn, Tabled):
                 "of frames and sectors; the larger one is told"
             )
         lines += [f"  {text}" for text in self._hardly_found()]
+        names = max(28, *(len(p.name) + 1 for p in self.tests))
         lines.append(
-            f"{'test':<28}{'r_dx':>10}{'r_dy':>10}{'r_dz':>10}{'e':>10}{'e_w':>10}{'e_z':>10}"
+            f"{'test (mm)':<{names}}"
+            f"{'r_dx':>10}{'r_dy':>10}{'r_dz':>10}{'e':>10}{'e_w':>10}{'e_z':>10}"
         )
         lines += [
-            f"{p.name[:27]:<28}"
+            f"{p.name:<{names}}"
             + "".join(
                 f"{'-':>10}" if v is None else f"{v:>10.4f}"
                 for v in (p.dx, p.dy, p.dz, p.e, p.e_w, p.e_z)
@@ -236,7 +242,8 @@ class FitResult(Drawn, Tabled):
             for p in self.tests
         ]
         lines.append(
-            f"{len(self.descents)} starts, {sum(d.converged for d in self.descents)} converged, "
+            f"{len(self.descents)} start{'s' if len(self.descents) > 1 else ''}, "
+            f"{sum(d.converged for d in self.descents)} converged, "
             f"{self.quality.agreeing} at this optimum; {self.evaluations} forward paths, "
             f"{self.failures} failed; {self.seconds:.1f} s"
         )
@@ -247,16 +254,6 @@ class FitResult(Drawn, Tabled):
                 "judge the fit without them (--max-pressure)"
             )
         return "\n".join(lines)
-
-
-def bounded(parameter: Parameter, value: float) -> bool:
-    """Whether a value sits at a bound, which is no result.
-
-    Where the range begins at the null, that end is no bound: the effect is absent there.
-    """
-    low, high, at = (parameter.to_coordinate(v) for v in (parameter.lower, parameter.upper, value))
-    near = AT_BOUND * (high - low)
-    return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
 
 
 def unit_of(name: str, free: Mapping[str, Parameter] | None = None) -> str:

@@ -8,6 +8,13 @@ its covariance is A⁻¹ B A⁻¹ with B that of the sum (Huber, 1967, the sandw
 * blocks of frames times sectors of the disc: also what the model misses, which changes slowly with
   pressure and place. It is the expectation of the bootstrap over them.
 
+A prior is one more datum: a mean m that was drawn about the truth with a deviation s. It adds
+w ½ ((v - m)/s)² to the objective, w = 1 in a likelihood and F v/n in a sum of absolute deviations
+(`Problem.pull`), so that A gains H = w/s², and B the variance of the score w (v - m)/s², which is
+w²/s² = w H. Of normal data and a prior, where w = 1 and B = A, A⁻¹ B A⁻¹ = 1/(1/σ² + 1/s²) is the
+posterior's variance; where the prior outweighs the data it tends to w H/H² = s², where they
+outweigh it to what they say alone.
+
 To this come what is left of the mesh's error, and stated uncertainties of thickness, radius,
 pressure and nu12, by what they move the optimum. The wider one of the two is told; both where they
 differ by more than a fifth.
@@ -59,13 +66,13 @@ class Uncertainty:
         In the parameter's unit; None at a bound, or where nothing tells it.
     interval95 : dict of name to (low, high) or None
     noise_stderr, block_stderr : dict of name to float or None
-        By neighbours in a frame, and by blocks of frames and sectors.
+        By neighbours in a frame, and by blocks of frames and sectors; each with the priors'.
     parts : dict of name to dict
-        Standard deviation by source: "data", "mesh", and what was stated.
+        Standard deviation by source: "data", "prior", "mesh", and what was stated.
     correlation : dict of (name, name) to float
     data_correlation : dict of (name, name) to float
-        Of what the data alone leave open: a thickness that is stated to be uncertain makes all
-        moduli alike, and says nothing of whether they can be told apart.
+        Of what the data and the priors leave open: a thickness that is stated to be uncertain
+        makes all moduli alike, and says nothing of whether they can be told apart.
     mesh_error_mm : list of three floats, or None
         What is left of the mesh's error in dx, dy, dz, the largest of the tests.
     unknown : tuple of str
@@ -133,31 +140,32 @@ def uncertainty_of(
         scores.weigh(look)
     for look in problem.objective.looks(shapes, names, group=scores.group):
         scores.add(look)
-    bread = scores.bread()
-    if problem.priors:
-        bread = bread + problem.pull(problem.objective.value(shapes), z)[0]
-    inverse, told = _inverse(bread, ~at_bound)
+    value = problem.objective.value(shapes)
+    inverse, told = _inverse(scores.bread() + problem.pull(value, z)[0], ~at_bound)
     if problem.objective.count <= (~at_bound).sum() and not problem.priors:
         told[:] = False  # they are met whatever their errors, and tell none
     noise, freedom = scores.of_noise(inverse)
     blocks, of_blocks = scores.of_blocks(inverse)
     shifts, mesh = _shifts(problem, z, shapes, scores, inverse, stated)
+    believed = inverse @ problem.scores_of_priors(value, z) @ inverse
     unknown = tuple(name for name in stated if name not in shifts)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
-    by_data = _with_deviations(noise, wider)
-    covariance = by_data + sum(np.outer(shift, shift) for shift in shifts.values())
+    sources = {"data": wider}
+    if problem.priors:
+        sources["prior"] = np.sqrt(np.diag(believed))
+    inner = _with_deviations(noise, wider) + believed
+    covariance = inner + sum(np.outer(shift, shift) for shift in shifts.values())
     freedom = np.where(np.diag(blocks) > np.diag(noise), of_blocks, freedom)
-    quantiles = student.ppf(0.5 + 0.5 * _LEVEL, freedom)
+    quantiles = student.ppf(0.5 + 0.5 * _LEVEL, _with_priors(freedom, wider, inner))
     return _described(
         problem,
         z,
         told,
         covariance,
-        by_data,
-        noise,
-        blocks,
-        wider,
-        shifts,
+        inner,
+        noise + believed,
+        blocks + believed,
+        sources | shifts,
         quantiles,
         mesh,
         unknown,
@@ -219,6 +227,15 @@ def _with_deviations(covariance: Floats, deviation: Floats) -> Floats:
     """A covariance with its correlations kept and its deviations replaced."""
     own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return np.asarray(covariance * np.outer(deviation / own, deviation / own))
+
+
+def _with_priors(freedom: Floats, by_data: Floats, covariance: Floats) -> Floats:
+    """Degrees of freedom of the data's and the priors' variances together (Satterthwaite, 1946).
+
+    The priors' are known, and have infinitely many.
+    """
+    share = by_data**2 / np.maximum(np.diag(covariance), 1e-300)
+    return np.asarray(freedom / np.maximum(share, 1e-6) ** 2)
 
 
 def _shifts(
@@ -336,11 +353,10 @@ def _described(
     z: Floats,
     told: NDArray[np.bool_],
     covariance: Floats,
-    by_data: Floats,
+    inner: Floats,
     noise: Floats,
     blocks: Floats,
-    wider: Floats,
-    shifts: Mapping[str, Floats],
+    sources: Mapping[str, Floats],
     quantiles: Floats,
     mesh: list[float] | None,
     unknown: tuple[str, ...],
@@ -363,10 +379,9 @@ def _described(
         intervals[p.name] = (min(ends), max(ends))
         by_noise[p.name] = float(np.sqrt(noise[j, j])) * unit
         by_block[p.name] = float(np.sqrt(blocks[j, j])) * unit
-        parts[p.name] = {"data": float(wider[j]) * unit}
-        parts[p.name] |= {name: abs(float(shift[j])) * unit for name, shift in shifts.items()}
+        parts[p.name] = {name: abs(float(by[j])) * unit for name, by in sources.items()}
     known = [name for name in names if stderr[name] is not None]
-    correlation, own = (_correlations(c, names, known) for c in (covariance, by_data))
+    correlation, own = (_correlations(c, names, known) for c in (covariance, inner))
     return Uncertainty(
         covariance,
         stderr,

@@ -18,7 +18,7 @@ from scipy import linalg, sparse
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, one_of
 from bulgefit.fem.geometry import shape_functions
 from bulgefit.fem.mesh import Mesh
 from bulgefit.model.smooth import SmoothField, smooth_field, smooth_value
@@ -103,8 +103,7 @@ def operators(
         if gradients:
             return Operators.of(smooth_field(mesh.nodes, places))
         return Operators(smooth_value(mesh.nodes, places), None)
-    if method not in METHODS:
-        raise InputError(f"evaluation: {method!r} is unknown; choose from {', '.join(METHODS)}")
+    one_of(method, METHODS, "evaluation")
     if gradients:
         raise InputError(f"evaluation {method} has no gradients: points may not move over it")
     made = METHODS[method]

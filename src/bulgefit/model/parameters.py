@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.parameter import Key, Parameter
+from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import InputError, needed
 from bulgefit.fem.elasticity import isotropic_constants, orthotropic_stiffness
 
@@ -136,8 +137,17 @@ def as_material(given: Material | Mapping[str, float], poisson_ratio: float) -> 
 
 
 def as_effects(given: Any) -> dict[str, float]:
-    """Effects' parameters by `effect.parameter`, none where None is given; InputError."""
-    return as_values({} if given is None else given, "effects", "effect.parameter to value")
+    """Effects' parameters by `effect.parameter`, none where None is given.
+
+    Raises
+    ------
+    InputError
+        It is no mapping of names to numbers, a name is unknown, or a value means nothing.
+    """
+    values = as_values({} if given is None else given, "effects", "effect.parameter to value")
+    for name, value in values.items():
+        parameter_named(Key.read(name).name).require(value, f"effects: {name}")
+    return values
 
 
 def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
@@ -184,7 +194,8 @@ def free_parameters(
     free : iterable of str
         Parameters freed beyond the default (`nu12`, `nu`).
     bounds : mapping of name to (lower, upper), optional
-        In the parameter's unit; others keep their default.
+        In the parameter's unit; others keep their default. Equal ones hold a parameter, which then
+        is not varied.
 
     Raises
     ------
@@ -206,12 +217,17 @@ def free_parameters(
             raise InputError(f"bounds: {name} is held fixed; free it to bound it")
         if not (math.isfinite(lower) and math.isfinite(upper)):
             raise InputError(f"bounds of {name} must be finite, got {lower:g}:{upper:g}")
-        if lower >= upper:
+        if lower > upper:
             raise InputError(f"bounds of {name} are reversed: {lower:g}:{upper:g}")
         if known[name].unit == "MPa" and lower <= 0:
             raise InputError(f"bounds of {name} must be positive, got {lower:g}:{upper:g} MPa")
     return tuple(
         replace(known[n], lower=limits[n][0], upper=limits[n][1]) if n in limits else known[n]
         for n in known
-        if n in wanted
+        if n in wanted and not (n in limits and held_by(limits[n]))
     )
+
+
+def held_by(bounds: tuple[float, float]) -> bool:
+    """Whether bounds hold a parameter: they are equal."""
+    return bounds[0] == bounds[1]

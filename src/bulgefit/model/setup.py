@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bulgefit.errors import InputError
-from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh
+from bulgefit.errors import one_of
+from bulgefit.fem.laws.registry import LAWS
+from bulgefit.fem.linear import SOLVERS
+from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, check_refine
+from bulgefit.model.observation import METHODS
 
 __all__ = ["INTERPOLATIONS", "STUDY_LEVELS", "Setup"]
 
@@ -55,11 +58,13 @@ class Setup:
     correct_mesh: bool = True
 
     def __post_init__(self) -> None:
-        if self.interpolation not in INTERPOLATIONS:
-            raise InputError(
-                f"interpolation: {self.interpolation!r} is unknown; choose from "
-                + ", ".join(INTERPOLATIONS)
-            )
+        one_of(self.law, LAWS, "law")
+        one_of(self.evaluation, METHODS, "evaluation")
+        one_of(self.interpolation, INTERPOLATIONS, "interpolation")
+        if self.linear_solver is not None:
+            one_of(self.linear_solver, SOLVERS, "linear solver")
+        if self.mesh is None:
+            check_refine(self.refine)
 
     @classmethod
     def study(cls, mesh: Mesh | None = None, law: str = "hencky") -> Setup:

@@ -39,6 +39,8 @@ RESIDUALS = {f"residual_{name}": unit for name, unit in FIELDS.items()}
 #: Triangles with a side longer than this many point spacings span a hole: on a grid with a point
 #: lost the longest side of those that close it is 2 spacings, of three points in line 4.
 _LONGEST = 3.0
+#: Part of a surface's points that are corners of triangles, at least; of profiles few are.
+_LEAST_COVERED = 0.5
 
 
 def is_signed(name: str) -> bool:
@@ -108,15 +110,26 @@ class Cloud:
         from scipy.spatial import Delaunay, QhullError
 
         plane = self.part(frame)[0][:, :2]
+        if not len(plane):
+            raise InputError(
+                f"{self.test.name}: frame {frame} has no point at which dx, dy and dz were "
+                "measured; choose another frame"
+            )
         try:
             found = Delaunay(plane).simplices
         except (QhullError, ValueError):
-            raise InputError(
-                f"{self.test.name}: frame {frame} has {len(plane)} wholly measured points, which "
-                "make no surface"
-            ) from None
+            raise self._no_surface(frame, len(plane)) from None
         sides = np.linalg.norm(plane[found] - plane[np.roll(found, 1, axis=1)], axis=2)
-        return np.asarray(found[sides.max(axis=1) <= _LONGEST * point_spacing(plane)])
+        near = np.asarray(found[sides.max(axis=1) <= _LONGEST * point_spacing(plane)])
+        if len(np.unique(near)) < _LEAST_COVERED * len(plane):
+            raise self._no_surface(frame, len(plane))
+        return near
+
+    def _no_surface(self, frame: int, count: int) -> InputError:
+        return InputError(
+            f"{self.test.name}: frame {frame} has {count} wholly measured points, which make no "
+            "surface: single ones, or profiles; bulgefit fit --plots draws profiles"
+        )
 
     def value(self, name: str, frame: int, *, modelled: bool = False) -> Floats:
         """A field (n,) at the points of a frame, of the test or of the model."""

@@ -85,6 +85,7 @@ def show(
     cloud.check_field(field)
     shown = int(np.argmax(test.pressure)) if frame is None else frame
     at = _figure.frame_index(shown, test.n_frames)
+    cloud.triangles(at)  # before its fields are looked for
     image = _draw(cloud, at, field, label, _ranges(cloud, [at], field))
     if path is not None:
         atomic_write_bytes(path, _off_screen.png(image), force)
@@ -120,9 +121,10 @@ def animate(
     cloud = _cloud(test, prediction, window)
     cloud.check_field(field)
     order = [int(i) for i in np.argsort(test.pressure, kind="stable")]
-    order = [i for i in order if len(cloud.part(i)[0])]
-    ranges = _ranges(cloud, order, field)
-    images = [_draw(cloud, i, field, label, ranges) for i in order]
+    seen = [i for i in order if len(cloud.part(i)[0])]
+    cloud.triangles((seen or order)[-1])  # before its fields are looked for
+    ranges = _ranges(cloud, seen, field)
+    images = [_draw(cloud, i, field, label, ranges) for i in seen]
     write_film(images, path, force)
 
 

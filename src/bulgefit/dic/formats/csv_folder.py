@@ -26,6 +26,8 @@ _PRESSURE_TABLE = "pressure.csv"
     options=["columns"],
     example="x,y,z,dx,dy,dz",
     lost="empty cell, nan, row left out",
+    instead=f"the column of the pressures in {_PRESSURE_TABLE} is called pressure_bar, or by "
+    "another unit: rename it so",
 )
 def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Recording:
     """Read a folder of frames.
@@ -93,7 +95,7 @@ def _pressures(path: Path) -> tuple[list[Path], Any, str, Any]:
     if "file" not in table.header or len(loads) != 1:
         raise InputError(
             f"{path}: needs the columns file and pressure_bar (or pressure_MPa, pressure_kPa, "
-            f"pressure_Pa); found {', '.join(table.header)}"
+            f"pressure_Pa); found {', '.join(table.header)}: rename what holds them so"
         )
     unit = loads[0].removeprefix("pressure_")
     scale = factor(unit, PRESSURE, f"{path}: {loads[0]}")

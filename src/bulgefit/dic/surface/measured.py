@@ -155,14 +155,13 @@ def measure(
     noise = noise_of(test)
     window = chosen_window(test, noise, window)
     sigma = np.full(3, np.nan) if noise is None else noise_in_windows(noise)
-    apex = surface_of(test, np.zeros((1, 2)), window, sigma)
     places = _places(test, window) if points is None else _given(points, test.radius)
+    if _most_points(test, places, window) < fewest_points():
+        raise _too_narrow(test, window)  # before the fields of a great many narrow windows
+    apex = surface_of(test, np.zeros((1, 2)), window, sigma)
     surface = surface_of(test, places, window, sigma)
     if not np.isfinite(surface.strain).any():
-        raise InputError(
-            f"{test.source or test.name}: no window of {window:g} mm has the {fewest_points()} "
-            "points that it takes; give a wider one"
-        )
+        raise _too_narrow(test, window)
     rotation, shift = _rim(test)
     return Measured(
         name=test.name,
@@ -234,6 +233,22 @@ def _measured_points(test: BulgeTest) -> Floats:
     """In the plane, (n, 2) mm: those that some frame saw."""
     seen = [block.reference[block.measured.any(axis=0), :2] for block in test.blocks]
     return np.concatenate(seen).astype(np.float64)
+
+
+def _most_points(test: BulgeTest, places: Floats, window: float) -> int:
+    """Points of the fullest window (mm) round places (c, 2) mm."""
+    from scipy.spatial import KDTree
+
+    seen = [block.reference[block.measured.any(axis=0), :2] for block in test.blocks]
+    counts = [KDTree(p).query_ball_point(places, window, return_length=True) for p in seen]
+    return int(np.max(counts, initial=0))
+
+
+def _too_narrow(test: BulgeTest, window: float) -> InputError:
+    return InputError(
+        f"{test.source or test.name}: no window of {window:g} mm has the {fewest_points()} "
+        "points that it takes; give a wider one"
+    )
 
 
 def _places(test: BulgeTest, window: float) -> Floats:

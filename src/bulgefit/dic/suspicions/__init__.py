@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.copies import without_copies
 from bulgefit.dic.suspicions.axes import about_axes
+from bulgefit.dic.suspicions.copies import about_copies
 from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.mixtures import about_mixtures
 from bulgefit.dic.suspicions.points import about_points
@@ -38,8 +40,9 @@ def alarms(test: BulgeTest) -> list[Suspicion]:
 
 
 def _notes(test: BulgeTest) -> Iterator[Suspicion]:
+    yield from about_copies(test)
     yield from about_sequence(test)
-    yield from about_mixtures(test)
+    yield from about_mixtures(without_copies(test))
     yield from about_rough_frames(test)
     yield from about_points(test)
     yield from about_offsets(test)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.coverage import is_near_centre_only
 
 __all__ = ["InPlane", "in_plane"]
 
@@ -50,6 +51,8 @@ class InPlane:
 def in_plane(test: BulgeTest) -> InPlane | None:
     """The motion in the frame that tells it best; None where no frame's points do.
 
+    Points near the centre only tell nothing of the disc: what it does is not told by a patch.
+
     Frames under at least half the highest pressure are asked: there the swelling is large, and
     one of them may hold strays.
     """
@@ -68,6 +71,8 @@ def _of_frame(test: BulgeTest, frame: int) -> InPlane | None:
     if known.sum() < _FEWEST_POINTS or not abs(rise) > 0:
         return None
     x, y = test.on_circle(reference[::step][known]).T / test.radius
+    if is_near_centre_only(float(np.hypot(x, y).max()), 1.0):
+        return None
     moved = displacement[::step][known, :2].astype(np.float64) / test.radius
     bulge = 1 - x**2 - y**2
     basis = np.column_stack([x * bulge, y * bulge, x, y, np.ones_like(x)])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.coverage import coverage
+from bulgefit.dic.coverage import coverage, is_near_centre_only
 from bulgefit.dic.outliers import stray_points
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
@@ -16,8 +16,6 @@ __all__ = ["about_apex_hole", "about_points"]
 
 Floats = NDArray[np.floating]
 
-# Measured points reach at least this part of the clamp radius.
-_NEAR_CENTRE = 0.5
 # A reference image is flat to this, mm; beyond it an initial shape matters.
 _FLAT = 0.5
 # Mean z of the reference, relative to the clamp radius: beyond it z = 0 is another plane.
@@ -99,7 +97,7 @@ def _about_components(test: BulgeTest) -> Iterator[Suspicion]:
 def _about_coverage(test: BulgeTest, points: Floats) -> Iterator[Suspicion]:
     whole, quadrants = coverage(test.on_circle(points), test.radius)
     reach = float(np.hypot(*test.on_circle(points).T).max())
-    if reach < _NEAR_CENTRE * test.radius:
+    if is_near_centre_only(reach, test.radius):
         yield Suspicion(
             "near_centre_only",
             f"points only near the centre: the farthest is at {reach:.4g} mm of "

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.copies import copied_frames
 from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
@@ -20,9 +21,10 @@ _APEX_FALL = 0.05
 
 def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
     """Order and number of frames, and the growth of the apex."""
-    falls = np.diff(test.pressure) < 0
-    if falls.any() or not (test.pressure_increases or any(about_gauge(test))):
-        frame = int(np.flatnonzero(falls if falls.any() else np.diff(test.pressure) == 0)[0]) + 1
+    falls, stays = np.diff(test.pressure) < 0, np.diff(test.pressure) == 0
+    stays[[copy - 1 for copy in copied_frames(test)]] = False
+    if falls.any() or (stays.any() and not any(about_gauge(test))):
+        frame = int(np.flatnonzero(falls if falls.any() else stays)[0]) + 1
         yield Suspicion(
             "pressure_not_increasing",
             f"pressure does not increase at frame {frame}: unloading, or frames out of order",
@@ -31,7 +33,8 @@ def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
     if test.n_frames < _FEW_FRAMES:
         yield Suspicion(
             "few_frames",
-            f"only {test.n_frames} frames: little to tell stiffness from other effects",
+            f"only {test.n_frames} frame{'s' if test.n_frames > 1 else ''}: little to tell "
+            "stiffness from other effects",
             "export more frames of the loading branch if there are any",
         )
     if test.time is not None and (np.diff(test.time) <= 0).any():

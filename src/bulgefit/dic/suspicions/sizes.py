@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_sizes"]
+__all__ = ["about_sizes", "about_specimen"]
 
 # Highest pressures, MPa, between which a test on a fabric is expected (0.02 to 10 bar).
 _USUAL_PRESSURE = (0.002, 1.0)
@@ -44,18 +44,41 @@ def about_sizes(test: BulgeTest) -> Iterator[Suspicion]:
             "asks for?",
             f"if they are in another one: {_UNIT}",
         )
-    if 2 * test.radius < _MEMBRANE * test.thickness:
-        yield Suspicion(
-            "thickness_size",
-            f"thickness {test.thickness:g} mm: the clamp's diameter is {_ratio(test):.2g} times "
-            f"that, and below {_MEMBRANE:g} times a sheet is a plate and no membrane",
-            "give the thickness in mm with --thickness; every verb takes it",
-        )
+    yield from _about_thickness(test.radius, test.thickness)
     yield from _about_rise(test)
 
 
-def _ratio(test: BulgeTest) -> float:
-    return 2 * test.radius / test.thickness
+def about_specimen(
+    radius: float, thickness: float, moduli: Mapping[str, float]
+) -> Iterator[Suspicion]:
+    """Of a specimen that is to be inflated: lengths in mm, Young's moduli in MPa by name."""
+    yield from _about_thickness(radius, thickness)
+    name = max(moduli, key=lambda one: moduli[one])
+    stiffness = moduli[name] * thickness
+    if moduli[name] > _STIFFEST:
+        yield Suspicion(
+            "modulus_size",
+            f"{name} = {moduli[name]:.3g} MPa: nothing is stiffer than diamond, "
+            f"{_STIFFEST:,.0f} MPa, so that it may be in Pa",
+            "give moduli in MPa: 1 GPa is 1,000, and 1 Pa a millionth",
+        )
+    elif not _FABRIC[0] <= stiffness <= _FABRIC[1]:
+        yield Suspicion(
+            "stiffness",
+            f"{name} t is {stiffness:.3g} N/mm, which no fabric has ({_FABRIC[0]:g} to "
+            f"{_FABRIC[1]:,.0f})",
+            "give moduli in MPa and the thickness in mm",
+        )
+
+
+def _about_thickness(radius: float, thickness: float) -> Iterator[Suspicion]:
+    if 2 * radius < _MEMBRANE * thickness:
+        yield Suspicion(
+            "thickness_size",
+            f"thickness {thickness:g} mm: the clamp's diameter is {2 * radius / thickness:.2g} "
+            f"times that, and below {_MEMBRANE:g} times a sheet is a plate and no membrane",
+            "give the thickness in mm with --thickness; every verb takes it",
+        )
 
 
 def _about_rise(test: BulgeTest) -> Iterator[Suspicion]:

@@ -10,6 +10,7 @@ import numpy as np
 from bulgefit.report.numbers import CARE, USE, listed
 from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
+from bulgefit.shown import plain
 
 __all__ = ["page_of_crossval"]
 
@@ -77,7 +78,7 @@ def _value(name: str, values: list[float], bounded: bool) -> Value:
     unit = "" if name.startswith("nu") else " MPa"
     text = f"{mean:.4g} ± {spread:.2g}{unit}"
     share = spread / abs(mean) if mean else np.inf
-    why = f"varies by {100 * share:.2g} % over the folds"
+    why = f"varies by {plain(100 * share, 2)} % over the folds"
     if bounded:
         return Value(name, text, "no", "at a bound in a fold: no result")
     return Value(name, text, "use" if share <= USE else "care" if share <= CARE else "no", why)

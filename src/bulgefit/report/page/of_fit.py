@@ -7,6 +7,7 @@ from typing import Any
 
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
+from bulgefit.shown import plain
 
 __all__ = ["page_of_fit"]
 
@@ -16,7 +17,7 @@ Result = Mapping[str, Any]
 #: or the fit cannot be used as it is.
 _OF_PARAMETERS = (
     "at_bound", "inseparable", "undetermined", "starts_disagree", "mesh_error_unknown",
-    "mesh_error_large", "stated_unknown", "apex_hole",
+    "mesh_error_large", "stated_unknown", "apex_hole", "prior_conflict",
 )  # fmt: skip
 #: Share of the square misfit that is no noise, from which the model lacks more than the test is
 #: unsure of.
@@ -80,9 +81,9 @@ def _answer(result: Result) -> Answer:
 def _lacks(result: Result) -> str:
     share = result["quality"]["structured_share"]
     return (
-        f"{100 * share:.3g} % of the square misfit is no noise: the test has something that the "
-        "model has not, and the moduli may be off by more than their intervals. bulgefit diagnose "
-        "looks for it."
+        f"{plain(100 * share, 3)} % of the square misfit is no noise: the test has something that "
+        "the model has not, and the moduli may be off by more than their intervals. bulgefit "
+        "diagnose looks for it."
     )
 
 
@@ -138,15 +139,18 @@ def _quality(result: Result) -> list[str]:
     lines = []
     if quality["misfit_over_noise"] is not None:
         lines.append(f"The misfit is {quality['misfit_over_noise']:.3g} times the noise.")
+    explained = plain(100 * quality["explained_share"], 4)
     lines.append(
-        f"{100 * quality['explained_share']:.4g} % of the measured displacement is explained, "
-        "against a model that does not deform."
+        f"{explained} % of the measured displacement is explained, against a model that does not "
+        "deform."
     )
     if quality["structured_share"] is not None:
-        lines.append(f"{100 * quality['structured_share']:.3g} % of the square misfit is no noise.")
+        lines.append(
+            f"{plain(100 * quality['structured_share'], 3)} % of the square misfit is no noise."
+        )
     for key, what in (("noise_mm", "Noise"), ("mesh_error_mm", "Left of the mesh's error:")):
         if quality[key] is not None:
-            sizes = ", ".join(f"{1000 * s:.2g}" for s in quality[key])
+            sizes = ", ".join(plain(1000 * s, 2) for s in quality[key])
             lines.append(f"{what} {'of dx, dy, dz: ' if key == 'noise_mm' else ''}{sizes} µm.")
     lines += [
         f"{listed(pair['parameters'])} go together (correlation {pair['correlation']:.2f})."

@@ -1,0 +1,48 @@
+"""Which frames were written twice? Noise is never the same twice: a copy tells nothing more."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bulgefit.dic.bulge_test import BulgeTest
+
+__all__ = ["copied_frames", "without_copies"]
+
+
+def copied_frames(test: BulgeTest) -> dict[int, int]:
+    """Frames that are bit for bit another one at the same pressure, each with the first of them.
+
+    Images at rest in which nothing has moved at all are references, and no copies.
+    """
+    first: dict[bytes, int] = {}
+    copies = {}
+    for frame in _of_one_pressure(test):
+        content = _content(test, frame)
+        if content is not None and first.setdefault(content, frame) != frame:
+            copies[frame] = first[content]
+    return copies
+
+
+def without_copies(test: BulgeTest) -> BulgeTest:
+    """The test with each frame once; itself where none is a copy."""
+    copies = copied_frames(test)
+    if not copies:
+        return test
+    return test.select(frames=[k for k in range(test.n_frames) if k not in copies])
+
+
+def _of_one_pressure(test: BulgeTest) -> list[int]:
+    """Frames whose pressure another one has too."""
+    _, which, count = np.unique(test.pressure, return_inverse=True, return_counts=True)
+    return np.flatnonzero(count[which] > 1).tolist()
+
+
+def _content(test: BulgeTest, frame: int) -> bytes | None:
+    """Pressure, points and displacement of a frame; None where nothing has moved."""
+    for block in test.blocks:
+        for row in np.flatnonzero(block.frames == frame):
+            moved = block.displacement[row]
+            if not np.nan_to_num(moved).any():
+                return None
+            return test.pressure[frame].tobytes() + block.reference.tobytes() + moved.tobytes()
+    return None
