@@ -330,8 +330,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/membrane.py",
-        "added = named * np.expm1(curve)",
-        "added = moduli[:, None] * np.expm1(curve)",
+        "named * np.expm1(curve)",
+        "moduli[:, None] * np.expm1(curve)",
         LAWS,
     ),
     Mutant("model/opening.py", "curvature = 2.0 * twice", "curvature = 1.0 * twice", WINDOW),
