@@ -827,6 +827,33 @@ def test_pressure_outside_the_path() -> None:
         path(0.03)
 
 
+def test_cloth_that_is_slack_both_ways_has_no_mirror_images() -> None:
+    """At 0.0001 bar they had made it 8.4 mm high, and without pressure flat."""
+    stiffness = orthotropic_stiffness(330.0, 240.0, 30.0, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81, fabric=Fabric(slack=(0.01, 0.01)))
+    path = trace(membrane, stiffness, (1e-4, 0.3))
+    assert not path.mirrored
+    with pytest.raises(InputError, match="outside the traced range"):
+        path(1e-5)
+    shape, height = path.displacement[0], []
+    for p in (1e-5, 1e-6, 1e-7):
+        shape = solve(membrane, shape, p, stiffness, patient=True).displacement
+        height.append(shape[membrane.mesh.apex, 2])
+    assert min(height) > 10.4
+
+
+@pytest.mark.parametrize("slack", [(0.0, 0.0), (0.01, 0.0), (-0.01, 0.01)])
+def test_cloth_that_one_yarn_holds_has_mirror_images(slack: tuple[float, float]) -> None:
+    stiffness = orthotropic_stiffness(330.0, 240.0, 30.0, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81, fabric=Fabric(slack=slack))
+    path = trace(membrane, stiffness, (1e-4, 0.3))
+    assert path.mirrored
+    shape = path.displacement[0]
+    for p in (3e-5, 1e-5, 1e-6):
+        shape = solve(membrane, shape, p, stiffness, patient=True).displacement
+        np.testing.assert_allclose(path(p)[0], shape, rtol=0, atol=1e-3)
+
+
 def test_slopes_are_the_paths_derivative() -> None:
     """Whatever shape the factor belongs to that they were found with."""
     membrane = Membrane(disc(100.0, 2), 0.81)

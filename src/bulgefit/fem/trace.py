@@ -99,7 +99,7 @@ def trace(
     stiffness : (4,) array, MPa
         D11, D22, D12, D33.
     pressure : (low, high), MPa
-        A flat membrane's path also covers 0 to low, by symmetry.
+        The path of a membrane that lies flat without pressure also covers 0 to low, by symmetry.
     tolerance : float, mm
         Wanted error of the dense output, for a radius of 100 mm.
     sensitivities : bool

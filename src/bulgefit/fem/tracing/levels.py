@@ -100,7 +100,7 @@ class Tracer:
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
-        self.mirrored = membrane.fabric.surface is None
+        self.mirrored = membrane.fabric.lies_flat
 
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
