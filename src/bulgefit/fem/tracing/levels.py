@@ -128,10 +128,14 @@ class Tracer:
 
     def solve(
         self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
-    ) -> float:
-        """Balance a level and keep it; returns how far (mm) the guess was off.
+    ) -> None:
+        """Balance a level and keep it.
 
         The slope of a level that is not `rough` has to fit the level below.
+
+        Raises
+        ------
+        NewtonError
         """
         try:
             balance = solve(
@@ -171,7 +175,6 @@ class Tracer:
             balance.factor,
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)
-        return float(np.abs(balance.displacement - guess).max())
 
     def predict(self, s: float) -> Floats:
         """Extrapolation of the newest levels, or of their mirror images where they are few.
