@@ -11,9 +11,9 @@ Each set is traced from 0.001 to 3 bar. What comes out is checked by other means
 own: equilibria by their residual and by the balance of work, U(p2) - U(p1) = ∫ p dV along the path;
 answers by what they state: a limit pressure by a path to just below it and by descent that finds no
 shape above; a loss of ellipticity by a stable path to just below it, which does not go on above
-when it is followed closely, and a shape at its pressure, where the acoustic tensor is not positive
-definite. Where a set mirrors in both axes, so must its stable shapes, where they do not come from a
-quarter of the mesh anyhow.
+when it is followed closely, unless over a snap, and a shape at its pressure, where the acoustic
+tensor is not positive definite. Where a set mirrors in both axes, so must its stable shapes, where
+they do not come from a quarter of the mesh anyhow.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import trace_by_quarter
-from bulgefit.fem.trace import trace
+from bulgefit.fem.trace import TOLERANCE, trace
 from bulgefit.fem.volume_control import at_volume
 
 RANGE = (1e-4, 0.3)  # MPa
@@ -268,13 +268,14 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
 def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: SolveError) -> bool:
     """Whether the path is stable up to 1 % above, followed by 0.2 % at a time.
 
-    Two stable shapes may also lie on either side of a snap: the branch between them, by its volume,
-    is then unstable.
+    Two stable shapes may also lie on either side of a snap: then the upper one leads down to
+    another shape than the lower one, or the branch between them, by its volume, is unstable.
     """
     before, shape = below(0.998 * below.pressure[-1])[0], below.displacement[-1]
-    for p in np.arange(0.992, 1.011, 0.002) * error.reached:
+    last = float(below.pressure[-1])
+    for p in (np.arange(0.992, 1.011, 0.002) * error.reached).tolist():
         try:
-            balance = solve(membrane, 2.0 * shape - before, float(p), stiffness, follow=True)
+            balance = solve(membrane, 2.0 * shape - before, p, stiffness, follow=True)
         except NewtonError:
             return False
         if not balance.stable:
@@ -282,9 +283,27 @@ def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: Solv
         before, shape = shape, balance.displacement
         # a snap further on says nothing of this loss
         beside = abs(p / error.reached - 1.0) < 0.003
-        if beside and _snaps(membrane, stiffness, before, shape, float(p)):
+        if beside and (
+            _comes_down_apart(membrane, stiffness, before, shape, last)
+            or _snaps(membrane, stiffness, before, shape, p)
+        ):
             return False
+        last = p
     return True
+
+
+def _comes_down_apart(
+    membrane: Membrane, stiffness: np.ndarray, low: np.ndarray, high: np.ndarray, p: float
+) -> bool:
+    """Whether the branch of `high` has another shape than `low` at the pressure (MPa) of that.
+
+    Of one branch both would balance within some 1e-9 mm; less than a path's tolerance is no snap
+    that it would tell. Over a snap volume may turn back as pressure does, and lead nowhere.
+    """
+    with suppress(NewtonError):
+        back = solve(membrane, high, p, stiffness, follow=True).displacement
+        return bool(np.abs(back - low).max() > TOLERANCE)
+    return False
 
 
 def _snaps(

@@ -116,6 +116,15 @@ class Fabric:
         return self.curve is None and not any((*self.gain, *self.bend))
 
     @property
+    def lies_flat(self) -> bool:
+        """Whether it comes to lie in the plane of its rim as pressure goes to nothing.
+
+        Slack along one yarn does, held by the other, which is straight from rim to rim; slack along
+        both bulges as far as its yarns are long, and so may a surface of its own.
+        """
+        return self.surface is None and min(self.slack) <= 0.0
+
+    @property
     def lies_loosely(self) -> bool:
         """Whether light pressures may leave it in folds: it is slack somehow, or not flat."""
         uneven = self.surface is not None and bool(self.surface[:, 2].any())

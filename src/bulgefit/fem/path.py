@@ -40,7 +40,7 @@ class Path:
     sensitivity_slope : (levels, 4, n, 3) array, mm/MPa^(4/3), or None
         Its derivative ∂/∂s, so that the dense output's own derivative is exact.
     mirrored : bool
-        True where the membrane is flat, so that levels have mirror images.
+        True where the membrane lies flat without pressure, so that levels have mirror images.
     factorisations : int
         Spent on the whole path.
     error_estimate : float, mm

@@ -99,7 +99,7 @@ def trace(
     stiffness : (4,) array, MPa
         D11, D22, D12, D33.
     pressure : (low, high), MPa
-        A flat membrane's path also covers 0 to low, by symmetry.
+        The path of a membrane that lies flat without pressure also covers 0 to low, by symmetry.
     tolerance : float, mm
         Wanted error of the dense output, for a radius of 100 mm.
     sensitivities : bool
@@ -169,12 +169,13 @@ def traced(
         if within.error is None:
             return within
         begun, spent = _reached(within), _work(within)
-    tracer = Tracer(membrane, stiffness, sensitivities, elliptic=not beyond_ellipticity)
+    allowed = tolerance * membrane.radius / 100.0
+    tracer = Tracer(membrane, stiffness, allowed, sensitivities, elliptic=not beyond_ellipticity)
     tracer.work = spent
     try:
         if not _go_on(tracer, begun):
             _start(tracer, np.cbrt(low), np.cbrt(high))
-        worst = _climb(tracer, np.cbrt(high), tolerance * membrane.radius / 100.0, leaps=soft)
+        worst = _climb(tracer, np.cbrt(high), leaps=soft)
         return Traced(_path(tracer, worst))
     except StoppedError as stopped:
         if not soft:
@@ -190,7 +191,9 @@ def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, floa
     """Where leaps stop: the path as far as the law is elliptic, and from there on by descent."""
     if within.error is None or within.error.cause is Cause.LIMIT_PRESSURE:
         return within
-    tracer = Tracer(leapt.membrane, leapt.stiffness, leapt.sensitivities, elliptic=False)
+    tracer = Tracer(
+        leapt.membrane, leapt.stiffness, leapt.tolerance, leapt.sensitivities, elliptic=False
+    )
     tracer.work = leapt.work + _work(within)
     if _go_on(tracer, _reached(within)):
         last = tracer.levels[-1]
@@ -301,9 +304,9 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
         raise lost_at(tracer, low, 0.0) from banded
 
 
-def _climb(tracer: Tracer, end: float, tolerance: float, *, leaps: bool) -> float:
+def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
-    smallest, begun = _SMALLEST_STEP * end, tracer.work
+    smallest, begun, aim = _SMALLEST_STEP * end, tracer.work, AIM * tracer.tolerance
     step = _first_step(tracer.membrane, tracer.stiffness)
     while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
         # equal steps to the end rather than a short last one
@@ -318,16 +321,16 @@ def _climb(tracer: Tracer, end: float, tolerance: float, *, leaps: bool) -> floa
         if tracer.elliptic:
             check_ellipticity(tracer)
         if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
-            fill(tracer, tolerance, _CLOSEST * end, (_MANY, _MOST))
-        error = tracer.error(len(tracer.levels) - 2, AIM * tolerance)
-        wanted = (AIM * tolerance / max(error, 1e-16)) ** (1 / (2 * STENCIL))
+            fill(tracer, _CLOSEST * end, (_MANY, _MOST))
+        error = tracer.error(len(tracer.levels) - 2, aim)
+        wanted = (aim / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s
         gap = max(0.25 * made, tracer.levels[-1].s - tracer.levels[-2].s)
         # short of the step that was asked for, grow with care
         step = gap * min(2.5 if share == 1.0 else 1.3, max(0.4, wanted))
         tracer.forget()
     intervals = range(len(tracer.levels) - 1)
-    return max((tracer.error(after, AIM * tolerance) for after in intervals), default=0.0)
+    return max((tracer.error(after, aim) for after in intervals), default=0.0)
 
 
 def _least_step(tracer: Tracer, end: float) -> float:

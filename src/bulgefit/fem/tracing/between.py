@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 AIM, _SURE = 0.1, 0.8
 
 
-def fill(tracer: Tracer, tolerance: float, closest: float, most: tuple[int, int]) -> None:
+def fill(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
     """Put levels in between until the dense output is within tolerance, or there are so many.
 
     Levels that descent has to find are those of cloth that lies loosely, where halving a step gains
@@ -32,8 +32,8 @@ def fill(tracer: Tracer, tolerance: float, closest: float, most: tuple[int, int]
 
     def lacking(after: int) -> float:
         low, high = tracer.levels[after].s, tracer.levels[after + 1].s
-        error = tracer.error(after, AIM * tolerance)
-        done = error <= _SURE * tolerance or high - low < closest or low in singular
+        error = tracer.error(after, AIM * tracer.tolerance)
+        done = error <= _SURE * tracer.tolerance or high - low < closest or low in singular
         return 0.0 if done else error
 
     while tracer.wasted <= PATIENCE and len(tracer.levels) < most[not tracer.between_by_descent]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
-from bulgefit.fem.tracing.levels import ROUGH, Level, Tracer, is_between
+from bulgefit.fem.tracing.levels import Level, Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["go_by_volume"]
@@ -19,8 +19,6 @@ Floats = NDArray[np.float64]
 
 #: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
 _GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
-#: Share of a change by which it may depart from what tangents say, where growth is more than this.
-_CLOSE, _SHORT_GROWTH = 0.03, 1e-3
 #: Steps by volume before a branch that still rises is given up.
 _BY_VOLUME = 40
 
@@ -121,9 +119,10 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     Where shapes are stable, volume grows with pressure: dV/dp = f·K⁻¹f > 0 for a tangent K that is
     positive definite, f = ∂V/∂x. So a stable shape of more volume under less pressure is one of
     another branch, or lies behind a limit and a least pressure too: shorter steps tell. So do they
-    where the law is not elliptic and the branch leaps, further than its tangents say: between two
-    shapes bands of shear may have come. They are the greater share of a change the less that is,
-    which what many kinks leave is not.
+    where the law is not elliptic and the branch leaps: between two shapes bands of shear may have
+    come. What tangents at both ends leave of a change is ΔV³u'''/12 on a smooth branch and nothing
+    over a kink, so that shorter steps bring it under any length; over a leap it is about the leap,
+    however short the step. Leaps below the path's own tolerance are none that it would tell.
 
     Raises
     ------
@@ -131,8 +130,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     """
     doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
     change, grown = point.displacement - here.displacement, point.volume - here.volume
-    close = ROUGH if grown <= _SHORT_GROWTH * abs(here.volume) else _CLOSE
-    leaps = doubtful and not is_between(change, grown * here.slope, grown * point.slope, close)
+    before, after = grown * here.slope, grown * point.slope
+    leaps = doubtful and not is_between(change, before, after, tracer.tolerance)
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point

@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 #: Accuracy of the pressure at which ellipticity is lost, relative in s.
 BRACKET = 1e-4
+#: Share of a change over so short a way that may not be as tangents say.
+_ROUGH = 0.1
 #: How far beyond such a pressure its branch is looked for again, in units of that.
 _BESIDE = (0.0, 2.0, 6.0, 18.0)
 
@@ -147,6 +149,7 @@ def beside(
         if found is None:
             continue
         change = found[0] - shape
-        if is_between(change, (s - low) * slope, (s - low) * found[1]):
+        apart = _ROUGH * float(np.abs(change).max())
+        if is_between(change, (s - low) * slope, (s - low) * found[1], apart):
             return s, *found
     return None

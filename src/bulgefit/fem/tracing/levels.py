@@ -15,7 +15,7 @@ from bulgefit.fem.linear import Factor
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
-__all__ = ["ROUGH", "BandedError", "Level", "Tracer", "is_between"]
+__all__ = ["BandedError", "Level", "Tracer", "is_between"]
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 _PREDICTOR_LEVELS = 3
 #: Levels that predict the next are apart by at least this share of the step.
 _APART = 0.25
-#: Share of its size by which a level's slope may differ from a parabola's.
-ROUGH = 0.1
+#: Share of its size by which a level's slope may differ from a parabola's, or a pole is near.
+_POLE = 0.1
 _TINY = np.finfo(float).tiny
 
 
@@ -57,13 +57,12 @@ class BandedError(NewtonError):
     """
 
 
-def is_between(change: Floats, before: Floats, after: Floats, close: float = ROUGH) -> bool:
-    """Whether a branch changes (n, 3) as its tangents at both ends say, but for a share of it.
+def is_between(change: Floats, before: Floats, after: Floats, apart: float) -> bool:
+    """Whether a branch changes (n, 3) as its tangents at both ends say, to a length `apart` (mm).
 
     Smooth ones do as the first says; over a kink a part f as that and the rest as the second,
     f b + (1 - f) a.
     """
-    apart = close * np.abs(change).max()
     if np.abs(change - before).max() <= apart:
         return True
     bend, rest = before - after, change - after
@@ -75,9 +74,17 @@ class Tracer:
     """Solved levels in s = p^(1/3), and the work spent on them."""
 
     def __init__(
-        self, membrane: Membrane, stiffness: Floats, sensitivities: bool, *, elliptic: bool
+        self,
+        membrane: Membrane,
+        stiffness: Floats,
+        tolerance: float,
+        sensitivities: bool,
+        *,
+        elliptic: bool,
     ) -> None:
         self.membrane, self.stiffness = membrane, stiffness
+        #: Wanted error (mm) of the dense output.
+        self.tolerance = tolerance
         self.sensitivities = sensitivities
         #: Whether the path ends where the law loses ellipticity.
         self.elliptic = elliptic
@@ -93,7 +100,7 @@ class Tracer:
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
-        self.mirrored = membrane.fabric.surface is None
+        self.mirrored = membrane.fabric.lies_flat
 
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
@@ -121,10 +128,14 @@ class Tracer:
 
     def solve(
         self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
-    ) -> float:
-        """Balance a level and keep it; returns how far (mm) the guess was off.
+    ) -> None:
+        """Balance a level and keep it.
 
         The slope of a level that is not `rough` has to fit the level below.
+
+        Raises
+        ------
+        NewtonError
         """
         try:
             balance = solve(
@@ -164,7 +175,6 @@ class Tracer:
             balance.factor,
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)
-        return float(np.abs(balance.displacement - guess).max())
 
     def predict(self, s: float) -> Floats:
         """Extrapolation of the newest levels, or of their mirror images where they are few.
@@ -198,7 +208,7 @@ class Tracer:
         """
         below = self.levels[bisect([level.s for level in self.levels], s) - 1]
         fitting = 2.0 * (displacement - below.displacement) / (s - below.s) - below.slope
-        return bool(np.abs(slope - fitting).max() > ROUGH * np.abs(slope).max())
+        return bool(np.abs(slope - fitting).max() > _POLE * np.abs(slope).max())
 
     def error(self, after: int, slight: float) -> float:
         """Error (mm) of the dense output halfway between level `after` and the next.
