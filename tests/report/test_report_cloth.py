@@ -165,7 +165,7 @@ def test_an_effect_of_several_tests_is_told_once(family):
     record = deepcopy(family)
     for told, name in zip(record["report"]["tests"], ("A", "B"), strict=True):
         told["name"] = name
-    moved = record["causes"][0]
+    moved = {**record["causes"][0], "specimen": 0}
     record |= {
         "verdict": "named",
         "causes": [
