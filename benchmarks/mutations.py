@@ -60,6 +60,7 @@ LEVEL = "gap/test_gap_level.py"
 CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
 WEIGHING = "gap/test_gap_weighing.py"
+FITS = "fitting/test_inverse_fit.py"
 WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -444,6 +445,27 @@ MUTANTS = (
         "gap/test_gap_family.py",
     ),
     Mutant("effects/places.py", "if shape != 0.0", "if shape > 0.0", SIGNS),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "before, after, tracer.tolerance)",
+        "before, after, 1e3 * tracer.tolerance)",
+        "fem/test_path.py",
+    ),
+    Mutant(
+        "fitting/problem.py",
+        "self._weight_of_priors(value) * self.pull",
+        "0.0 * self.pull",
+        "fitting/test_priors.py",
+    ),
+    Mutant("fitting/problem.py", "exponent = 0.5 *", "exponent = 1.0 *", "fitting/test_options.py"),
+    Mutant("fitting/minimise.py", "rounding * self.typical", "rounding * self.base", FITS),
+    Mutant(
+        "fitting/crossval.py",
+        "or effect_named(key.effect).shared",
+        "or effect_named(key.effect)",
+        FITS,
+    ),
+    Mutant("fitting/bootstrap.py", "base.on_all_data()", "base", "fitting/test_bootstrap.py"),
 )
 
 
