@@ -18,7 +18,6 @@ from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.outcome import Seen, seen_by
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.search import GROWN, Search
-from bulgefit.gap.evidence.temper import loudest, taken_up
 from bulgefit.gap.evidence.ways import Ways
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.residual.structure import structure
@@ -148,13 +147,12 @@ class Attempt:
         """The best model without what it can do without, by the noise that it leaves.
 
         Where the largest model leaves more than noise, that is more than any group can take away:
-        it stands in every model's residual, along the directions that groups have. Beside it as
-        noise (`loudest`) groups are judged by what they take off beyond that.
+        it stands in every model's residual, along the directions that groups have. With noise as
+        large as the loudest of it groups are judged by what they take off beyond that.
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            taken = taken_up(search.problem, best, search.layout)
-            by = loudest(self.data, self.seen.predictions, taken)
+            by = self._missing(best).loudest
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             found = search.fit(best.model, best.x, best.here.near)
             self.search.fits[best.model] = best.lighter(search.problem)
@@ -198,14 +196,18 @@ class Attempt:
 
     def _beside(self, fit: Fit) -> Search[Weighing]:
         """A search from a fit, beside what that misses by beyond the noise."""
-        problem, layout = self.search.problem, self.search.layout
         search = replace(self.search, fits={fit.model: fit}, roughly=True)
-        if not structure(self.data, seen_by(problem, fit)).significant:
+        if not structure(self.data, seen_by(search.problem, fit)).significant:
             return search
-        here = problem.linearise(fit.x, layout.columns(fit.model), fit.here.near)
-        search = replace(search, problem=problem.beside_misfit(here), fits={})
+        search = replace(search, problem=self._missing(fit), fits={})
         search.fit(fit.model, fit.x, fit.here.near)
         return search
+
+    def _missing(self, fit: Fit) -> Weighing:
+        """The problem beside what a fit misses by."""
+        problem = self.search.problem
+        here = problem.linearise(fit.x, self.search.layout.columns(fit.model), fit.here.near)
+        return problem.beside_misfit(here)
 
 
 def _offsets(data: Sequence[Data], seen: Seen) -> list[Creases] | None:

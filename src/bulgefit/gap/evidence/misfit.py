@@ -131,6 +131,15 @@ class Misfit:
             spread.append((turn * np.maximum(values - 1.0, 0.0)) @ turn.T)
         return cls(modes, tuple(spread))
 
+    @property
+    def largest(self) -> float:
+        """Variance of the octave, course and component that has most of it, over the noise's.
+
+        What no model follows sits in few of them (a seam's is narrow, in one component, and grows
+        with pressure), and effects that have nothing to do with it are told by just these.
+        """
+        return max(float(np.linalg.eigvalsh(spread)[-1]) for spread in self.spread)
+
     def on(self, d: Data, louder: float) -> Misfit:
         """The same misfit over other points of the specimen, which may tell an octave more.
 

@@ -14,7 +14,7 @@ from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.model.virtual_test import Prediction
 
-__all__ = ["loudest", "taken_up", "temper"]
+__all__ = ["taken_up", "temper"]
 
 Floats = NDArray[np.float64]
 
@@ -46,30 +46,6 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
         square += float((seen**2).sum()) / d.inflation
         modes += seen.size
     return max(_shrunk(square, modes - taken), 1.0)
-
-
-def loudest(data: Sequence[Data], predictions: Sequence[Prediction], taken: float) -> float:
-    """The same of the course and component in which the residual is largest, and not their mean.
-
-    What no model follows sits in few of them (a seam's in one component, growing with pressure),
-    and effects that have nothing to do with it are told by just these. The largest eigenvalue of
-    the mean product of the modes' coefficients over the specimen, by specimen the largest.
-
-    Parameters
-    ----------
-    taken : float
-        As for `temper`.
-    """
-    pairs = zip(data, predictions, strict=True)
-    seen = [_of_modes(d, _off_mesh(d, d.residual(p))[None]) for d, p in pairs]
-    count = sum(modes.size for modes in seen)
-    left = max(count - taken, 0.0) / count
-    found = 1.0
-    for d, modes in zip(data, seen, strict=True):
-        courses = modes[0].swapaxes(0, 1).reshape(modes.shape[2], -1)
-        square = float(np.linalg.eigvalsh(courses.T @ courses)[-1]) / d.inflation
-        found = max(found, _shrunk(square, left * len(courses)))
-    return found
 
 
 def _shrunk(square: float, number: float) -> float:

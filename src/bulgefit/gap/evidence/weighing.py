@@ -127,6 +127,11 @@ class Weighing:
         return Weighing(self.data, self.coordinates, self.offsets, self.tempered, misfits)
 
     @property
+    def loudest(self) -> float:
+        """Variance of noise and misfit where that is largest, over the noise's; 1 without any."""
+        return 1.0 + max((misfit.largest for misfit in self.misfits or ()), default=0.0)
+
+    @property
     def cost(self) -> float:
         """Of the offsets, to be added to a score."""
         if self.offsets is None:
