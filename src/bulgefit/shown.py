@@ -10,7 +10,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-__all__ = ["Drawn", "drawn_by", "plain"]
+__all__ = ["Drawn", "drawn_by", "number_of", "plain"]
 
 #: Who draws results; the roof hangs it here.
 _drawer: list[Callable[..., Any]] = []
@@ -25,6 +25,11 @@ def plain(value: float, digits: int) -> str:
     """A number to so many digits, and large ones without a power of ten: 100, not 1e+02."""
     text = f"{value:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text else text
+
+
+def number_of(count: int, what: str) -> str:
+    """A number of things, in the singular where it is one."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 class Drawn:

@@ -36,7 +36,6 @@ __all__ = [
     "prints_json",
     "progress",
     "run_of",
-    "several",
     "solver_options",
     "step",
     "versions",
@@ -376,11 +375,6 @@ def add_workers_argument(parser: argparse.ArgumentParser) -> None:
         help="work on N processor cores at once (default: all that this process may use); the "
         "result does not depend on it",
     )
-
-
-def several(count: int, what: str) -> str:
-    """A number of things, in the singular where it is one."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def workers_from(args: argparse.Namespace) -> int:

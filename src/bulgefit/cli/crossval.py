@@ -8,6 +8,7 @@ from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
+from bulgefit.shown import number_of
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.fitting.crossval import crossval
     from bulgefit.fitting.result import describe_tests
 
-    _common.progress(args, f"{len(tests)} folds of {_common.several(args.starts, 'start')}")
+    _common.progress(args, f"{len(tests)} folds of {number_of(args.starts, 'start')}")
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
             result = crossval(tests, args.objective, executor=executor, **options)

@@ -11,6 +11,7 @@ from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
+from bulgefit.shown import number_of
 
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
@@ -90,9 +91,9 @@ def run(args: argparse.Namespace) -> int:
 
     _common.progress(
         args,
-        f"fitting {_common.several(len(tests), 'test')}, "
+        f"fitting {number_of(len(tests), 'test')}, "
         f"{sum(t.n_measured for t in tests):,} measured points, "
-        f"{_common.several(args.starts, 'start')}",
+        f"{number_of(args.starts, 'start')}",
     )
     with (
         _resuming.resumable(args, "fit", tests),

@@ -20,7 +20,7 @@ from bulgefit.fitting.optima import elsewhere, of_equal_worth
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
-from bulgefit.shown import plain
+from bulgefit.shown import number_of, plain
 
 __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
@@ -276,7 +276,7 @@ def _about_errors(
     """What cannot be said of the parameters."""
     points = _points(problem.objective)
     if problem.size > 1 and points < problem.size:
-        count = f"{points} point{'s' if points > 1 else ''}"
+        count = number_of(points, "point")
         yield Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size)
     for (a, b), correlation in errors.data_correlation.items():
         if abs(correlation) > _ALIKE:

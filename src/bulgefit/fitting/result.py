@@ -23,7 +23,7 @@ from bulgefit.fitting.quality import Quality
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import Material
 from bulgefit.model.setup import Setup
-from bulgefit.shown import Drawn
+from bulgefit.shown import Drawn, number_of
 
 __all__ = ["FORMAT", "FitResult", "Stability", "describe_tests", "unit_of", "versions"]
 
@@ -242,7 +242,7 @@ class FitResult(Drawn, Tabled):
             for p in self.tests
         ]
         lines.append(
-            f"{len(self.descents)} start{'s' if len(self.descents) > 1 else ''}, "
+            f"{number_of(len(self.descents), 'start')}, "
             f"{sum(d.converged for d in self.descents)} converged, "
             f"{self.quality.agreeing} at this optimum; {self.evaluations} forward paths, "
             f"{self.failures} failed; {self.seconds:.1f} s"

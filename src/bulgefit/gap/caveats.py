@@ -8,6 +8,7 @@ from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.prepare import Prepared
+from bulgefit.shown import number_of
 
 __all__ = ["lacked_by", "left_of_the_mesh", "left_out", "of_the_fits"]
 
@@ -25,7 +26,7 @@ def left_out(prepared: Sequence[Prepared]) -> list[str]:
         doubted = int((p.data.share < 1.0).sum())
         if doubted:
             out.append(
-                f"{name}: in {doubted} frame{'s' if doubted > 1 else ''} part of the fabric is "
+                f"{name}: in {number_of(doubted, 'frame')} part of the fabric is "
                 "slack and wrinkles; what no model follows there counts as noise"
             )
         if p.interpolated is not None:

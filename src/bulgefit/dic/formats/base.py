@@ -17,6 +17,7 @@ from bulgefit.dic.formats.specimen import SPECIMEN, specimen_of
 from bulgefit.dic.registry import READERS, Reader, Recording, file_checksum
 from bulgefit.dic.units import LENGTH, factor
 from bulgefit.errors import InputError
+from bulgefit.shown import number_of
 
 __all__ = ["Ask", "Format", "register"]
 
@@ -156,7 +157,8 @@ def _read(
         name=specimen.get("name"),
         pressure_unit=pressure.unit,
         notes=(
-            f"{format.name}: {_counted(len(frames), 'frame')} of {format.system}, {kind} positions",
+            f"{format.name}: {number_of(len(frames), 'frame')} of {format.system}, "
+            f"{kind} positions",
             *notes,
             *([] if length_unit or all(f.has_units for f in frames) else [_NO_UNIT]),
             *([_TURNED] if turned else []),
@@ -208,7 +210,3 @@ def _said_of_points(frames: list[Frame], by: str, count: int, mark: str) -> str:
         how = f"joined by {by}" + (f" into {count}" if count > most else "")
     marked = f"; {lost} marked as lost ({mark}) left out" if lost else ""
     return f"{measured} points a frame, {how}{marked}"
-
-
-def _counted(count: int, word: str) -> str:
-    return f"{count} {word}" + ("" if count == 1 else "s")

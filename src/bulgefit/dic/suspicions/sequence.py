@@ -11,6 +11,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.copies import copied_frames
 from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.suspicion import Suspicion
+from bulgefit.shown import number_of
 
 __all__ = ["about_sequence"]
 
@@ -33,7 +34,7 @@ def about_sequence(test: BulgeTest) -> Iterator[Suspicion]:
     if test.n_frames < _FEW_FRAMES:
         yield Suspicion(
             "few_frames",
-            f"only {test.n_frames} frame{'s' if test.n_frames > 1 else ''}: little to tell "
+            f"only {number_of(test.n_frames, 'frame')}: little to tell "
             "stiffness from other effects",
             "export more frames of the loading branch if there are any",
         )
