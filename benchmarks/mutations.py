@@ -433,6 +433,12 @@ MUTANTS = (
     Mutant("gap/prepare.py", "measured & ~strays", "data.used & ~strays", "gap/test_gap_noise.py"),
     Mutant("gap/evidence/misfit.py", "/ louder", "/ 1.0", "gap/test_gap_misfit.py"),
     Mutant(
+        "gap/evidence/misfit.py",
+        "return max(float(np.linalg.eigvalsh(spread)[-1]) for spread in self.spread)",
+        "return float(np.linalg.eigvalsh(self.spread[0])[-1])",
+        "gap/test_gap_misfit.py",
+    ),
+    Mutant(
         "gap/residual/structure.py",
         "trusted = residual * data.share[:, None, None]",
         "trusted = residual",

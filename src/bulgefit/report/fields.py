@@ -17,6 +17,8 @@ __all__ = ["plot_fields"]
 Floats = NDArray[np.float64]
 
 _SIZE = (1500, 900)
+#: Ends of a scale are written to three digits.
+_UNSEEN = 1e-3
 
 
 def plot_fields(
@@ -87,12 +89,15 @@ def _checked(nodes: Any, cells: Any, displacement: Any) -> tuple[Floats, Any, Fl
 def _draw_shape(plotter: Any, surface: Any, dz: NDArray[np.float64], title: str) -> None:
     surface["dz"] = dz
     plotter.add_mesh(
-        surface, scalars="dz", cmap="viridis", smooth_shading=True, show_scalar_bar=False
-    )
+        surface, scalars="dz", clim=_ends(dz), cmap="viridis", smooth_shading=True,
+        show_scalar_bar=False,
+    )  # fmt: skip
     _off_screen.add_text(plotter, title, (0.03, 0.95))
     _colour_bar(plotter, "dz (mm)", (0.2, 0.05), (0.6, 0.08), vertical=False)
     _off_screen.add_text(plotter, "dz (mm)", (0.82, 0.06))
     plotter.show_bounds(
+        # to a micrometre: a rim that is round to rounding would be written to be at -0
+        axes_ranges=[round(end, 3) for at in surface.points.T for end in _ends(at)],
         location="outer",
         ticks="outside",
         xtitle="x (mm)",
@@ -108,14 +113,26 @@ def _draw_shape(plotter: Any, surface: Any, dz: NDArray[np.float64], title: str)
     )
     plotter.camera_position = [(1.0, -1.7, 1.15), (0, 0, 0), (0, 0, 1)]
     plotter.reset_camera()
-    plotter.camera.zoom(0.86)
+    plotter.camera.zoom(0.88)
+    # a dome is flat, and its axes are below it: it is in the middle between title and bar
+    plotter.camera.SetWindowCenter(0.0, -0.12)
+
+
+def _ends(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Of a scale: least and largest value, 0 where that is not seen beside the other end."""
+    ends = np.array([values.min(), values.max()])
+    low, high = np.where(np.abs(ends) < _UNSEEN * np.abs(ends).max(), 0.0, ends)
+    return float(low), float(high)
 
 
 def _draw_from_above(plotter: Any, surface: Any, value: NDArray[np.float64], axis: str) -> None:
     # not |dx|: VTK's texts take a bar for the end of a column
     name = f"size of d{axis} (mm)"
     surface[name] = value
-    plotter.add_mesh(surface, scalars=name, cmap="cividis", lighting=False, show_scalar_bar=False)
+    plotter.add_mesh(
+        surface, scalars=name, clim=_ends(value), cmap="cividis", lighting=False,
+        show_scalar_bar=False,
+    )  # fmt: skip
     _off_screen.add_text(plotter, f"{name}, seen from above, x to the right", (0.04, 0.92))
     _colour_bar(plotter, name, (0.83, 0.1), (0.14, 0.75), vertical=True)
     plotter.view_xy()
