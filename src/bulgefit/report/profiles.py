@@ -147,9 +147,11 @@ def _draw(
         )
         drawn = True
     if drawn:
+        # below a dome, and above what moves towards the rim on the other side
         panel.legend(
-            fontsize=_figure.FONT - 1, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False
-        )
+            fontsize=_figure.FONT - 1, loc="lower center" if name == "dz" else "upper left",
+            framealpha=0.85, edgecolor="none",
+        )  # fmt: skip
     else:
         panel.text(
             0.5, 0.5, f"no measured {name} on this line", ha="center", va="center",
