@@ -48,8 +48,10 @@ __all__ = ["Prediction", "Sight", "VirtualTest", "virtual_tests"]
 
 Floats = NDArray[np.float64]
 
-#: Half the span (mm²) of a difference by the square of the window.
-_WINDOW_STEP = 4.0
+#: Half the span of a difference by the square of the window, as a share of that: a wide one reaches
+#: over where windows touch the rim, and what they average turns. Below a square (mm²) half of it is
+#: that: windows are then within few cells of the grid, whose interpolation has kinks.
+_WINDOW_STEP, _NARROW, _LEAST_WINDOW = 1e-3, 0.25, 1e-6
 #: Sets of operators at the points that are kept: points that move make new ones.
 _KEPT = 8
 #: Of a modulus, the largest part by which a difference steps: it stays above zero, however soft.
@@ -519,10 +521,14 @@ class Sight:
         return np.asarray(motion[:, :1] * by_x + motion[:, 1:] * by_y)
 
     def _of_window(self) -> Floats:
-        """∂/∂(window²) of the averaged field: by a difference in it."""
+        """∂/∂(window²) of the averaged field: by a difference in it.
+
+        Of windows alone: the field without one is interpolated otherwise, by up to a thousandth of
+        a millimetre, which over a narrow span is a part of what a window does.
+        """
         here = window_of(self.active)
-        low = here - _WINDOW_STEP
-        ends = [low, here + _WINDOW_STEP] if low > 0.0 else [0.0, here + 4.0]
+        half = _WINDOW_STEP * here if here > _NARROW else _NARROW
+        ends = [max(here - half, _LEAST_WINDOW), here + half]
         fields = [self._averaged(self.places, square, self.active) for square in ends]
         return np.asarray((fields[1] - fields[0]) / (ends[1] - ends[0]))
 
