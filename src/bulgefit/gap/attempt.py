@@ -152,7 +152,7 @@ class Attempt:
         """
         best, search = self.search.best, self.search
         if not self.is_content:
-            by = self._missing(best).loudest
+            by = self._beside_misfit_of(best).loudest
             search = replace(search, problem=search.problem.beside(by), fits={}, roughly=True)
             found = search.fit(best.model, best.x, best.here.near)
             self.search.fits[best.model] = best.lighter(search.problem)
@@ -199,11 +199,11 @@ class Attempt:
         search = replace(self.search, fits={fit.model: fit}, roughly=True)
         if not structure(self.data, seen_by(search.problem, fit)).significant:
             return search
-        search = replace(search, problem=self._missing(fit), fits={})
+        search = replace(search, problem=self._beside_misfit_of(fit), fits={})
         search.fit(fit.model, fit.x, fit.here.near)
         return search
 
-    def _missing(self, fit: Fit) -> Weighing:
+    def _beside_misfit_of(self, fit: Fit) -> Weighing:
         """The problem beside what a fit misses by."""
         problem = self.search.problem
         here = problem.linearise(fit.x, self.search.layout.columns(fit.model), fit.here.near)
