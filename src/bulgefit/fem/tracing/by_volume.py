@@ -128,10 +128,14 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     ------
     NewtonError
     """
-    doubtful = tracer.elliptic and not tracer.is_elliptic(here.displacement)
     change, grown = point.displacement - here.displacement, point.volume - here.volume
     before, after = grown * here.slope, grown * point.slope
-    leaps = doubtful and not is_between(change, before, after, tracer.tolerance)
+    # asked last, since the acoustic tensor takes as long as a step of Newton's method
+    leaps = (
+        tracer.elliptic
+        and not is_between(change, before, after, tracer.tolerance)
+        and not tracer.is_elliptic(here.displacement)
+    )
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
