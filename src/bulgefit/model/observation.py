@@ -23,7 +23,7 @@ from bulgefit.fem.geometry import shape_functions
 from bulgefit.fem.mesh import Mesh
 from bulgefit.model.smooth import SmoothField, smooth_field, smooth_value
 
-__all__ = ["METHODS", "Operators", "operators"]
+__all__ = ["METHODS", "Operators", "applied", "operators"]
 
 Floats = NDArray[np.float64]
 
@@ -53,24 +53,24 @@ class Operators:
 
     def __call__(self, nodal: NDArray[np.floating]) -> Floats:
         """Field (frames, n, 3) at the nodes to (frames, points, 3)."""
-        return _applied(self.value, nodal)
+        return applied(self.value, nodal)
 
     def transposed(self, pull: NDArray[np.floating]) -> tuple[NDArray[np.intp], Floats]:
         """Values (frames, points, 3) back to the nodes that take part: which, (frames, k, 3)."""
         if isinstance(self.value, np.ndarray):
-            return np.arange(self.value.shape[1]), _applied(self.value.T, pull)
+            return np.arange(self.value.shape[1]), applied(self.value.T, pull)
         seen = np.zeros(self.value.shape[1], dtype=bool)
         seen[self.value.indices] = True
         nodes, shape = np.flatnonzero(seen), (self.value.shape[0], int(seen.sum()))
         column = (np.cumsum(seen, dtype=np.int32) - 1)[self.value.indices]
         own = sparse.csr_array((self.value.data, column, self.value.indptr), shape=shape)
-        return nodes, _applied(own.T, pull)
+        return nodes, applied(own.T, pull)
 
     def slopes(self, nodal: NDArray[np.floating]) -> tuple[Floats, Floats]:
         """Derivatives by x and by y of a nodal field, each (frames, points, 3)."""
         assert self.gradients is not None
         by_x, by_y = self.gradients
-        return _applied(by_x, nodal), _applied(by_y, nodal)
+        return applied(by_x, nodal), applied(by_y, nodal)
 
     def of_points(self, points: slice | NDArray[np.intp]) -> Operators:
         """At some of the points."""
@@ -82,7 +82,8 @@ class Operators:
         )
 
 
-def _applied(operator: sparse.sparray | Floats, nodal: NDArray[np.floating]) -> Floats:
+def applied(operator: sparse.sparray | Floats, nodal: NDArray[np.floating]) -> Floats:
+    """An operator (m, n) on a field (frames, n, components): (frames, m, components)."""
     frames, n, components = nodal.shape
     flat = np.ascontiguousarray(np.moveaxis(nodal, 1, 0)).reshape(n, frames * components)
     return np.moveaxis((operator @ flat).reshape(-1, frames, components), 0, 1)

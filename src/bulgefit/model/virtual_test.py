@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,7 @@ from bulgefit.model.description import (
     with_value,
 )
 from bulgefit.model.inflation import LEAST_PRESSURE, Change, Inflation, Shapes
-from bulgefit.model.observation import Operators, operators
+from bulgefit.model.observation import Operators, applied, operators
 from bulgefit.model.opening import Opening
 from bulgefit.model.setup import Setup
 from bulgefit.model.window import Window
@@ -371,10 +372,15 @@ class VirtualTest:
 
     def averages(self, places: Places, square: float, active: Active) -> Operators:
         """Means over windows of this squared radius (mm²) round places."""
+        opening = self.opening(active)
+        return Operators(self.window.value(places.unit, float(np.sqrt(square)), opening), None)
+
+    @property
+    def window(self) -> Window:
+        """Means over windows of the mesh's fields; kept."""
         if self._window is None:
             self._window = Window(self.circle.nodes, self.test.radius)
-        opening = self.opening(active)
-        return Operators(self._window.value(places.unit, float(np.sqrt(square)), opening), None)
+        return self._window
 
 
 class Sight:
@@ -534,12 +540,15 @@ class Sight:
 
     def _averaged(self, places: Places, square: float, active: Active) -> Floats:
         """The field at places, averaged over windows of this squared radius (mm²)."""
-        if square > 0.0:
-            operator = self.virtual.averages(places, square, active)
-        else:
-            plain, at = self.virtual.setup.evaluation, self.virtual.test.radius * places.unit
-            operator = operators(self.virtual.circle, at, plain, gradients=False)
-        return operator(self.field)
+        opening = self.virtual.opening(active)
+        return applied(
+            self.virtual.window.on_grid(places.unit, float(np.sqrt(square)), opening), self._laid
+        )
+
+    @cached_property
+    def _laid(self) -> Floats:
+        """The field on the grid that windows are laid over."""
+        return self.virtual.window.laid(self.field)
 
     def _of_camera(self, name: str) -> Floats:
         """Change of what is reported at a fixed displacement of the fabric."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bulgefit.model.observation import applied
 from bulgefit.model.opening import Opening
 from bulgefit.model.smooth import smooth_value
 
@@ -70,6 +71,14 @@ class Window:
 
         Round the places of points (m, 2) of the unit disc.
         """
+        return (self.on_grid(unit, window, opening) @ self._grid).tocsr()
+
+    def laid(self, field: Floats) -> Floats:
+        """A field (frames, n, 3) of the nodes on the grid, (frames, grid, 3)."""
+        return applied(self._grid, field)
+
+    def on_grid(self, unit: Floats, window: float, opening: Opening) -> sparse.csr_array:
+        """The same of a field that is `laid` on the grid, (m, grid): for one field alone sooner."""
         points = opening.fabric(unit)
         distance, radius, out = opening.rim_circles(points)
         beside = distance + window > radius
@@ -81,20 +90,22 @@ class Window:
             places.append((points[which][:, None] + offsets).reshape(-1, 2))
             shares.append(share.ravel())
             owners.append(np.repeat(which, offsets.shape[1]))
-        share, owner = np.concatenate(shares), np.concatenate(owners)
+        owner = np.concatenate(owners)
+        # point by point, as the rows of the operator are
+        order = np.argsort(owner, kind="stable")
+        share = np.concatenate(shares)[order]
         size = 2 * self._half + 1
-        on_disc = self.radius * opening.unit(np.concatenate(places))
+        on_disc = self.radius * opening.unit(np.concatenate(places)[order])
         place = on_disc / self._spacing + self._half
         base = np.clip(np.floor(place).astype(np.intp) - 1, 0, size - 4)
         steps = np.arange(4)
         columns = (base[:, 0, None, None] + steps[:, None]) * size + base[:, 1, None, None] + steps
-        rows = np.broadcast_to(owner[:, None, None], columns.shape)
+        ends = 16 * np.cumsum(np.bincount(owner, minlength=len(points)))
         x, y = _lagrange(place[:, 0] - base[:, 0]), _lagrange(place[:, 1] - base[:, 1])
         values = share[:, None, None] * x[:, :, None] * y[:, None, :]
-        on_grid = sparse.csr_array(
-            (values.ravel(), (rows.ravel(), columns.ravel())), shape=(len(points), size**2)
+        return sparse.csr_array(
+            (values.ravel(), columns.ravel(), np.append(0, ends)), shape=(len(points), size**2)
         )
-        return (on_grid @ self._grid).tocsr()
 
 
 def _whole(points: Floats, window: float) -> tuple[Floats, Floats]:

@@ -49,9 +49,9 @@ class RimField(Field):
 
 def _change(own: Own, turning: NDArray[np.complex128]) -> Floats:
     """Relative change (n,) of the radius at points z = x + iy (n,) of the unit disc."""
-    out = np.zeros(len(turning))
+    out, power = np.zeros(len(turning)), turning ** (ORDERS[0] - 1)
     for order in ORDERS:
-        power = turning**order
+        power = power * turning
         out += own[f"c{order}"] * power.real + own[f"s{order}"] * power.imag
     return out
 
