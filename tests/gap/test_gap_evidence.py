@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import multivariate_normal, norm
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.amplitude import amplitudes
+from bulgefit.gap.evidence.brink import LostStabilityError, bounded_within
 from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
@@ -101,6 +102,9 @@ class Known:
         there = self.linearise(x, here.columns[:0])
         gradient = here.rows.T @ self._seen(x)[0]
         return replace(here, x=there.x, square=there.square, gradient=gradient)
+
+    def kept_from(self, brink: Any, here: Linearised) -> np.ndarray | None:
+        return None
 
 
 def linear(groups: list[Group], rows: np.ndarray, measured: np.ndarray, **more: Any) -> Known:
@@ -1266,3 +1270,65 @@ def test_a_form_gives_way_to_either_of_its_parts():
         assert improved(search, begun).model == freeze({"a": 1})
         drops = {dict(m).get(owned("a")) for m in smaller(search.layout, freeze({"a": 2}))}
         assert drops == {None, 0, 1}
+
+
+def test_a_step_within_rows_is_the_constrained_optimum() -> None:
+    """By the conditions of Karush, Kuhn and Tucker: held back by nothing but the rows it is at."""
+    rng = np.random.default_rng(3)
+    half = rng.normal(size=(6, 6))
+    matrix, slope, lower = half @ half.T + np.eye(6), 5.0 * rng.normal(size=6), np.full(6, -np.inf)
+    free, same = bounded_within(slope, matrix, lower, [])
+    np.testing.assert_array_equal(free, bounded_optimum(slope, matrix, lower))
+    np.testing.assert_array_equal(same, matrix)
+    rows = [rng.normal(size=6) for _ in range(2)]
+    rows = [row * factor / abs(row @ free) for row, factor in zip(rows, (3.0, 0.2), strict=True)]
+    step, stiffer = bounded_within(slope, matrix, lower, rows)
+    assert abs(rows[0] @ step) == pytest.approx(1.0, rel=1e-9)
+    assert abs(rows[1] @ step) < 1.0
+    pull = slope - matrix @ step
+    np.testing.assert_allclose(pull, (pull @ rows[0]) / (rows[0] @ rows[0]) * rows[0], atol=1e-9)
+    assert np.sign(pull @ rows[0]) == np.sign(free @ rows[0])
+    np.testing.assert_allclose(stiffer @ step, slope, atol=1e-9)
+    lower[:] = step + 0.1 * np.abs(step) * (np.arange(6) == 2)
+    bound, _ = bounded_within(slope, matrix, lower, rows)
+    assert (bound >= lower).all()
+    assert max(abs(row @ bound) for row in rows) <= 1.001
+
+
+class Edged(Known):
+    """Two coordinates: at 1 of the first nothing is left of 1 - x, what keeps it stable."""
+
+    told = True
+
+    def again(self, here: Linearised, x: np.ndarray) -> Linearised:
+        if x[0] >= 1.0:
+            raise LostStabilityError(
+                "lost", "edge", pressure=0.1, reached=0.1, iteration=0, residual_norm=0.0,
+                parameters={},
+            )  # fmt: skip
+        return super().again(here, x)
+
+    def kept_from(self, brink: Any, here: Linearised) -> np.ndarray | None:
+        assert brink == "edge"
+        return np.array([-1.0 / (1.0 - here.x[0]), 0.0]) if self.told else None
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_descent_goes_along_a_brink_and_not_over_it(told: bool) -> None:
+    """Without what is kept the trust region shrinks until the second does not move, either."""
+
+    def curve(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # what lies beyond pulls, and the more the nearer: as shapes do that are about to give way
+        rise = 1.0 / max(1.0 - x[0], 1e-12)
+        value = np.array([10.0 * x[0] + np.log(rise), x[1] + 0.3 * x[1] ** 2])
+        return value, np.array([[10.0 + rise, 0.0], [0.0, 1.0 + 0.6 * x[1]]])
+
+    problem = Edged([group("a", [1.0, 1.0], always=True)], np.array([60.0, 40.0]), curve)
+    problem.told = told
+    layout = Layout.of(problem.groups)
+    found = descend(problem, layout, freeze({}), layout.null, steps=15)
+    best = minimize_scalar(
+        lambda y: (40.0 - y - 0.3 * y**2) ** 2 + y**2, bounds=(0.0, 20.0), method="bounded"
+    )
+    assert found.x[0] < 1.0
+    assert (abs(found.x[1] - best.x) < 0.05) == told

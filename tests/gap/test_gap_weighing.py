@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from bulgefit.effects.registry import catalogue, fields
 from bulgefit.errors import SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
+from bulgefit.gap.evidence.brink import LostStabilityError
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.descend import descend
@@ -458,33 +460,90 @@ def test_thinned_points_keep_what_persists_in_them(data: Data) -> None:
     assert some.in_space == pytest.approx(3.0)
 
 
-def test_cloth_that_lies_loosely_is_found_from_rest_where_a_neighbour_does_not_lead_to_it() -> None:
+#: Cloth that is not flat, far from flat cloth: it lies loosely under light pressures.
+FAR = {"initial_shape.h0": 8.0, "initial_shape.c2": -6.0, "initial_shape.s4": 3.0}
+#: Of a shear so soft that the law is not elliptic at 2 bar.
+SOFT = {**TRUTH, "G12": 2.0}
+
+
+def at_three_pressures() -> Specimen:
     at = np.array([[0.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
     test = BulgeTest.from_arrays(at, np.zeros((3, 2, 3)), [0.002, 0.02, 0.2], poisson_ratio=0.24)
-    specimen = Specimen(test, refine=3)
-    shape = {"initial_shape.h0": 8.0, "initial_shape.c2": -6.0, "initial_shape.s4": 3.0}
-    near, values = specimen.shapes(TRUTH, list(shape)), {**TRUTH, **shape}
+    return Specimen(test, refine=3)
+
+
+def test_cloth_that_lies_loosely_is_found_by_descent_from_a_neighbour_far_away() -> None:
+    specimen, values = at_three_pressures(), {**TRUTH, **FAR}
+    found = specimen.shapes(values, near=specimen.shapes(TRUTH, list(FAR)))
+    assert found.stable.all()
+    afresh = specimen.shapes(values).displacement
+    np.testing.assert_allclose(found.displacement, afresh, rtol=0.0, atol=1e-9)
+
+
+def test_where_the_law_is_not_elliptic_no_descent_leaps_and_it_is_found_from_rest() -> None:
+    specimen, values = at_three_pressures(), {**SOFT, **FAR}
+    near = specimen.shapes(SOFT, list(FAR))
     with pytest.raises(SolveError, match="near the last shape"):
         specimen.shapes(values, near=near)
     found = _balanced(specimen, values, (), near)
     np.testing.assert_array_equal(found.displacement, specimen.shapes(values).displacement)
 
 
-def test_a_step_that_its_neighbour_does_not_lead_to_is_too_long(data: Data) -> None:
+def test_a_step_that_its_neighbour_does_not_lead_to_is_too_long() -> None:
     """To begin at, it is found from rest all the same."""
+    data = Data(at_three_pressures(), np.full(3, 0.01), np.ones((3, 2, 3), dtype=bool))
     coordinates = Coordinates.of([catalogue()["initial_shape"]], [data.specimen.nulls()])
     layout, weighing = Layout.of(coordinates.groups), Weighing([data], coordinates)
     columns = layout.columns(layout.whole())
     x = np.array(layout.null)
-    x[:3] = np.log([TRUTH[name] for name in ("E1", "E2", "G12")])
+    x[:3] = np.log([SOFT[name] for name in ("E1", "E2", "G12")])
     here = weighing.linearise(x, columns)
-    far, names = np.array(x), [c.key.parameter for c in coordinates.every]
-    for name, height in (("h0", 8.0), ("c2", -6.0), ("s4", 3.0)):
+    far, names = np.array(x), [c.key.name for c in coordinates.every]
+    for name, height in FAR.items():
         far[names.index(name)] = height
     with pytest.raises(SolveError, match="near the last shape"):
         weighing.again(here, far)
     from_rest = weighing.linearise(far, columns, here.near)
     assert from_rest.square == pytest.approx(weighing.linearise(far, columns).square, rel=1e-12)
+
+
+def test_a_step_that_loses_stability_tells_the_mode_and_what_kept_it_from_that() -> None:
+    """What that changes by is the forecast of where steps have to end: by differences, as well."""
+    data = Data(at_three_pressures(), np.full(3, 0.01), np.ones((3, 2, 3), dtype=bool))
+    effects = [catalogue()[name] for name in ("nonlinear_material", "clamp_slip")]
+    coordinates = Coordinates.of(effects, [data.specimen.nulls()])
+    layout, weighing = Layout.of(coordinates.groups), Weighing([data], coordinates)
+    columns = layout.columns(layout.whole())
+    x = np.array(layout.null)
+    x[:3] = np.log([TRUTH["E1"], TRUTH["E2"], 5.0])
+    x[layout.part(Owned("clamp_slip"))] = 0.1
+    here = weighing.linearise(x, columns)
+    beyond = np.array(x)
+    beyond[2] = np.log(SOFT["G12"])
+    with pytest.raises(LostStabilityError, match="loses its stability at 2 bar") as lost:
+        weighing.again(here, beyond)
+    brink = lost.value.brink
+    assert brink is not None
+    assert (brink.specimen, brink.frame) == (0, 2)
+    row = weighing.kept_from(brink, here)
+    assert row is not None
+
+    def kept(x: np.ndarray) -> float:
+        names = [coordinates.every[c].key.name for c in columns]
+        at = weighing.linearise(x, columns).near[0]
+        return data.specimen.kept_by(at, names[:1], brink.frame, brink.mode).stiffness
+
+    for number, column in enumerate(columns):
+        step = 1e-4 * layout.width[column]
+        ends = [kept(x + sign * step * (np.arange(len(x)) == column)) for sign in (-1.0, 1.0)]
+        by_hand = np.log(ends[1] / ends[0]) / (2.0 * step)
+        assert row[number] == pytest.approx(by_hand, rel=1e-3, abs=1e-5 * np.abs(row).max())
+    assert row[2] * (beyond[2] - x[2]) < -0.5  # shear that is softer takes it away
+    gone = weighing.linearise(beyond, columns)
+    assert weighing.kept_from(brink, gone) is None
+    told = pickle.loads(pickle.dumps(lost.value))
+    assert type(told) is SolveError
+    assert str(told) == str(lost.value)
 
 
 def test_a_reference_image_hides_heights_and_nothing_else() -> None:

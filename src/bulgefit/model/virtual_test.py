@@ -39,10 +39,12 @@ from bulgefit.model.description import (
     null_values,
     with_value,
 )
-from bulgefit.model.inflation import LEAST_PRESSURE, Change, Inflation, Shapes
+from bulgefit.model.forces import Change
+from bulgefit.model.inflation import LEAST_PRESSURE, Inflation, Shapes
 from bulgefit.model.observation import Operators, applied, operators
 from bulgefit.model.opening import Opening
 from bulgefit.model.setup import Setup
+from bulgefit.model.softening import Kept
 from bulgefit.model.window import Window
 
 __all__ = ["Prediction", "Sight", "VirtualTest", "virtual_tests"]
@@ -152,7 +154,7 @@ class VirtualTest:
             Unknown names, or constants that are not admissible.
         SolveError
         """
-        given = {"nu12": self.test.poisson_ratio, **values}
+        given = self._given(values)
         checked([*given, *names])
         here, changes = self._described(given, names)
         constant = all(name in CONSTANTS or c.of_law for name, c in changes.items())
@@ -169,6 +171,26 @@ class VirtualTest:
             raise InputError("the study's way knows no effects beside the moduli")
         guesses = None if near is None else self._ahead(near, given)
         return self.inflation.balanced(here, given, changes, guesses, self.threads)
+
+    def lost_mode(self, shapes: Shapes, frame: int) -> Floats | None:
+        """The mode (n, 3) in which the shape of a frame gives way; None where it does not."""
+        here, _ = self._described(self._given(shapes.values), ())
+        return self.inflation.lost_mode(here, shapes, frame)
+
+    def kept_by(self, shapes: Shapes, names: Iterable[str], frame: int, mode: Floats) -> Kept:
+        """What keeps the shape of a frame from a mode (n, 3), by those of names that change it.
+
+        Parameters
+        ----------
+        shapes : Shapes
+            With derivatives by the names.
+        """
+        here, changes = self._described(self._given(shapes.values), names)
+        return self.inflation.kept_by(here, changes, shapes, frame, mode)
+
+    def _given(self, values: Values) -> dict[str, float]:
+        """Values with the test's own Poisson's ratio, where they have none."""
+        return {"nu12": self.test.poisson_ratio, **values}
 
     def _ahead(self, near: Shapes, values: Values) -> Floats:
         """Displacements (frames, n, 3) that a neighbour's derivatives lead to."""
@@ -235,7 +257,7 @@ class VirtualTest:
 
     def description(self, values: Values) -> Description:
         """The specimen in its clamp under its load."""
-        given = {"nu12": self.test.poisson_ratio, **values}
+        given = self._given(values)
         return self._describe(given, active_effects(given, self.nulls()), slips=False)
 
     def load(self, values: Values) -> Load:

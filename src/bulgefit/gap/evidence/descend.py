@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
+from bulgefit.gap.evidence.brink import SHARE, LostStabilityError, bounded_within
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.problem import Columns, Layout, Linearised, Model, Problem
 from bulgefit.gap.evidence.sides import best_side, idle
@@ -29,6 +31,8 @@ _USED, _HALVINGS = 0.7, 30
 #: Corrections of a landing by the derivatives of the start, as long as each is shorter than this
 #: share of the one before, in prior widths (0.75 is Transtrum and Sethna's).
 _CORRECTIONS, _CONTRACTED = 3, 0.75
+#: Of what a brink lets a step do, what may be left over by a step that goes as far.
+_HELD = 0.05
 #: Points in a row from which the gains would not lead down to what is hoped: at one alone they may
 #: just have been large.
 _HOPELESS = 2
@@ -171,12 +175,13 @@ def _descended(
     columns, least = here.columns, until.least(here.columns)
     reach, converged, taken, last = _REACH, False, 1, np.inf
     hopeless, seen = int(until.doubted), 1
+    brinks = _Brinks(problem)
     while taken < until.steps and reach > _LEAST_REACH:
         value, slope, matrix = quadratic(here, layout, columns)
-        step, damped = _step(slope, matrix, layout, here, reach)
+        step, damped = _step(slope, matrix, layout, here, reach, brinks.rows)
         promised = float(2.0 * slope @ step - step @ matrix @ step)
         size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
-        unheld = size < _USED * reach
+        unheld = size < _USED * reach and not brinks.hold(step)
         if promised < (_misfit(problem, here) * least if unheld or until.roughly else _SETTLED):
             converged = unheld
             break
@@ -185,7 +190,12 @@ def _descended(
             hopeless = hopeless + 1 if _ahead(promised, last) < value - until.hope else 0
             if hopeless == _HOPELESS:
                 break
-        landed = _landed(problem, layout, here, step, damped)
+        try:
+            landed = _landed(problem, layout, here, step, damped)
+        except LostStabilityError as lost:
+            if brinks.met(lost.brink, here) and brinks.hold(step):
+                continue
+            landed = None
         gained, ahead = -np.inf, None
         if landed is not None:
             gained = value - quadratic(landed, layout, columns)[0]
@@ -197,6 +207,7 @@ def _descended(
             reach *= 3.0
         if ahead is not None:
             here = ahead
+            brinks.seen_from(here)
             taken += 1
             if unheld and 0.25 * promised < gained < _misfit(problem, here) * least:
                 converged = True
@@ -249,16 +260,52 @@ def _misfit(problem: Problem, here: Linearised) -> float:
     return max(here.square / (problem.noise * problem.tempered), 1.0)
 
 
+class _Brinks:
+    """Where a descent lost stability, and what it may do to what keeps its shapes from that.
+
+    Attributes
+    ----------
+    rows : list of (p,) array
+        Of each brink: what a step of 1 along it changes is the most that a step may.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem, self._known, self.rows = problem, list[Any](), list[Floats]()
+
+    def met(self, brink: Any, here: Linearised) -> bool:
+        """A step from `here` came to one; whether it is one that can be told from there."""
+        row = None if brink is None else self._problem.kept_from(brink, here)
+        if row is None:
+            return False
+        self._known.append(brink)
+        self.rows.append(row / SHARE)
+        return True
+
+    def seen_from(self, here: Linearised) -> None:
+        """The same from where a step has led; those that are behind are forgotten."""
+        known, self._known, self.rows = self._known, [], []
+        for brink in known:
+            self.met(brink, here)
+
+    def hold(self, step: Floats) -> bool:
+        """Whether a step goes as far as one of them lets it, or farther."""
+        return any(abs(float(row @ step)) > 1.0 - _HELD for row in self.rows)
+
+
 def _step(
-    slope: Floats, matrix: Floats, layout: Layout, here: Linearised, reach: float
+    slope: Floats,
+    matrix: Floats,
+    layout: Layout,
+    here: Linearised,
+    reach: float,
+    rows: Sequence[Floats] = (),
 ) -> tuple[Floats, Floats]:
     """The step to the optimum, or as far as the trust region lets it; the matrix that made it."""
     width = layout.width[here.columns]
     lower = layout.lower[here.columns] - here.x[here.columns]
 
     def to(damping: float) -> tuple[Floats, Floats]:
-        damped = matrix + np.diag(damping / width**2)
-        return bounded_optimum(slope, damped, lower), damped
+        return bounded_within(slope, matrix + np.diag(damping / width**2), lower, rows)
 
     def size(step: Floats) -> float:
         return float(np.abs(step / width).max(initial=0.0))
@@ -286,6 +333,8 @@ def _landed(
 ) -> Linearised | None:
     """Where a step leads, corrected by the derivatives `here`; None where nothing balances.
 
+    Raises LostStabilityError where that is lost on the way.
+
     The slope at the landing departs from the forecast one by what is not linear. The matrix that
     made the step turns that into a correction, to leading order that of the geodesic's acceleration
     (Transtrum and Sethna, 2012, "Improvements to the Levenberg-Marquardt algorithm for nonlinear
@@ -305,7 +354,10 @@ def _landed(
         size = float(np.linalg.norm(turn / width))
         if turn @ damped @ turn < settled or size > _CONTRACTED * before:
             break
-        ahead = _at(problem, here, there.x[columns] + turn)
+        try:
+            ahead = _at(problem, here, there.x[columns] + turn)
+        except LostStabilityError:
+            break
         if ahead is None:
             break
         lowered, slope, _ = quadratic(ahead, layout, columns)
@@ -321,5 +373,7 @@ def _at(problem: Problem, here: Linearised, own: Floats) -> Linearised | None:
     x[here.columns] = own
     try:
         return problem.again(here, x)
+    except LostStabilityError:
+        raise
     except (SolveError, InputError):
         return None

@@ -204,6 +204,14 @@ class Problem(Protocol):
         """
         ...
 
+    def kept_from(self, brink: Any, here: Linearised) -> Floats | None:
+        """∂ ln(what keeps a shape from the mode in which a step lost it)/∂(coordinate), (p,).
+
+        None where the shape `here` has lost it as well. Brinks are the problem's own, as its errors
+        tell them.
+        """
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:

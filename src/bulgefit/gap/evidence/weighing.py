@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.data import Data
+from bulgefit.gap.evidence.brink import Brink, LostStabilityError
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.creases import Creases
 from bulgefit.gap.evidence.heights import (
@@ -234,9 +235,39 @@ class Weighing:
         except InputError as error:
             # nobody gave these values: a linear step led to moduli that no fabric can have
             raise _no_shape(f"there is no such fabric ({error})", values) from error
-        if near is not None and _loses_stability(near, shapes):
-            raise _lost_stability(self.data[index], shapes)
+        if near is not None and (lost := _lost(near, shapes)) is not None:
+            raise self._lost_stability(index, lost, shapes)
         return found
+
+    def _lost_stability(self, index: int, frame: int, found: Shapes) -> LostStabilityError:
+        """Beyond it fields are as wild as the mesh allows: no step leads there."""
+        specimen = self.data[index].specimen
+        pressure, mode = float(specimen.recorded[frame]), specimen.lost_mode(found, frame)
+        return LostStabilityError(
+            "the fabric loses its stability",
+            None if mode is None else Brink(index, frame, mode),
+            pressure=pressure,
+            reached=pressure,
+            iteration=0,
+            residual_norm=0.0,
+            parameters=found.values,
+        )
+
+    def kept_from(self, brink: Brink, here: Linearised) -> Floats | None:
+        """See `Problem`."""
+        own = self.coordinates.of_specimen(here.columns, brink.specimen)
+        chosen = [self.coordinates.every[c] for c in own]
+        shapes = here.near[brink.specimen]
+        names = [k.key.name for k in chosen if k.key.name in shapes.derivative]
+        specimen = self.data[brink.specimen].specimen
+        kept = specimen.kept_by(shapes, names, brink.frame, brink.mode)
+        if kept.stiffness <= 0.0:
+            return None
+        row = np.zeros(len(here.columns))
+        for place, c, k in zip(np.searchsorted(here.columns, own), own, chosen, strict=True):
+            by_value = kept.rate.get(k.key.name, 0.0) / kept.stiffness
+            row[place] = by_value * k.parameter.slope(k.value(here.x[c]))
+        return row
 
     def _whitened(self, index: int, rows: Floats) -> Floats:
         """Rows (k, frames, points, 3) with products as noise, offsets, mesh and misfit leave them.
@@ -338,7 +369,7 @@ def _balanced(
     if near is not None:
         try:
             found = specimen.shapes(values, names, near)
-            if strictly or not _loses_stability(near, found):
+            if strictly or _lost(near, found) is None:
                 return found
         except SolveError:
             if strictly:
@@ -346,15 +377,10 @@ def _balanced(
     return specimen.shapes(values, names)
 
 
-def _loses_stability(before: Shapes, after: Shapes) -> bool:
-    """Whether a step did that; a point looked at again is none."""
-    return bool((before.stable & ~after.stable).any()) and before.values != after.values
-
-
-def _lost_stability(d: Data, found: Shapes) -> SolveError:
-    """Beyond it fields are as wild as the mesh allows: no step leads there."""
-    first = float(d.specimen.recorded[~found.stable].min())
-    return _no_shape("the fabric loses its stability", found.values, first)
+def _lost(before: Shapes, after: Shapes) -> int | None:
+    """The first frame whose stability a step lost; a point looked at again is none."""
+    lost = np.flatnonzero(before.stable & ~after.stable)
+    return int(lost[0]) if len(lost) and before.values != after.values else None
 
 
 def _no_shape(reason: str, values: Mapping[str, float], pressure: float = 0.0) -> SolveError:
