@@ -389,6 +389,26 @@ MUTANTS = (
     ),
     Mutant("gap/evidence/sides.py", "max(slope, 0.0) ** 2", "min(slope, 0.0) ** 2", EVIDENCE),
     Mutant("gap/evidence/descend.py", "if taken > least", "if taken > np.inf", EVIDENCE),
+    Mutant(
+        "gap/evidence/descend.py",
+        "< (1.0 + _HELD) * SHARE",
+        "> (1.0 + _HELD) * SHARE",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/brink.py", "(far[worst] - 1.0) / eased", "far[worst] / eased", EVIDENCE),
+    Mutant(
+        "model/softening.py",
+        "direct = of_forces @ own / (2.0 * step)",
+        "direct = of_forces @ own / step",
+        WEIGHING,
+    ),
+    Mutant("model/softening.py", "up - 2.0 * here + down", "up - here", WEIGHING),
+    Mutant(
+        "model/inflation.py",
+        "(found.displacement, stiffness) >= 0.0",
+        "(found.displacement, stiffness) < 9.0",
+        WEIGHING,
+    ),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
     Mutant(
         "gap/prepare.py", "size[:, None] / size", "size / size[:, None]", "gap/test_gap_noise.py"

@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from bulgefit.errors import SolveError
 from bulgefit.gap.evidence.laplace import bounded_optimum
 
-__all__ = ["SHARE", "Brink", "LostStabilityError", "bounded_within"]
+__all__ = ["ROUNDS", "SHARE", "Brink", "LostStabilityError", "bounded_within"]
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 SHARE = 0.5
 #: Rounds of holding back what goes farthest, and how much farther it may still go: where no bound
 #: is in the way, one round for one row is exact.
-_ROUNDS, _SLIGHT = 10, 1e-3
+ROUNDS, _SLIGHT = 10, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,8 @@ def bounded_within(
 ) -> tuple[Floats, Floats]:
     """The step of `bounded_optimum` with |row·step| ≤ 1 for each row, and the matrix that made it.
 
-    Held back by stiffness along a row, which is added to the matrix.
+    Held back by stiffness along a row, which is added to the matrix, and as nearly as `ROUNDS` of
+    that lead to.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def bounded_within(
     rows : sequence of (p,) array
     """
     step = bounded_optimum(slope, matrix, lower)
-    for _ in range(_ROUNDS if len(rows) else 0):
+    for _ in range(ROUNDS if len(rows) else 0):
         far = [abs(float(row @ step)) for row in rows]
         worst = int(np.argmax(far))
         if far[worst] <= 1.0 + _SLIGHT:

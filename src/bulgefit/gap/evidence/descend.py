@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.evidence.brink import SHARE, LostStabilityError, bounded_within
+from bulgefit.gap.evidence.brink import ROUNDS, SHARE, LostStabilityError, bounded_within
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.problem import Columns, Layout, Linearised, Model, Problem
 from bulgefit.gap.evidence.sides import best_side, idle
@@ -31,7 +31,7 @@ _USED, _HALVINGS = 0.7, 30
 #: Corrections of a landing by the derivatives of the start, as long as each is shorter than this
 #: share of the one before, in prior widths (0.75 is Transtrum and Sethna's).
 _CORRECTIONS, _CONTRACTED = 3, 0.75
-#: Of what a brink lets a step do, what may be left over by a step that goes as far.
+#: Of what a brink lets a step do, what a step may leave over or go beyond that goes as far.
 _HELD = 0.05
 #: Points in a row from which the gains would not lead down to what is hoped: at one alone they may
 #: just have been large.
@@ -193,7 +193,7 @@ def _descended(
         try:
             landed = _landed(problem, layout, here, step, damped)
         except LostStabilityError as lost:
-            if brinks.met(lost.brink, here) and brinks.hold(step):
+            if brinks.met(lost.brink, here, step):
                 continue
             landed = None
         gained, ahead = -np.inf, None
@@ -272,10 +272,15 @@ class _Brinks:
     def __init__(self, problem: Problem) -> None:
         self._problem, self._known, self.rows = problem, list[Any](), list[Floats]()
 
-    def met(self, brink: Any, here: Linearised) -> bool:
-        """A step from `here` came to one; whether it is one that can be told from there."""
+    def met(self, brink: Any, here: Linearised, step: Floats) -> bool:
+        """A step from `here` came to one; whether it went farther than that lets it.
+
+        Of no more than steps are sure to be held within.
+        """
         row = None if brink is None else self._problem.kept_from(brink, here)
-        if row is None:
+        if row is None or len(self.rows) == ROUNDS:
+            return False
+        if abs(float(row @ step)) < (1.0 + _HELD) * SHARE:
             return False
         self._known.append(brink)
         self.rows.append(row / SHARE)
@@ -283,12 +288,12 @@ class _Brinks:
 
     def seen_from(self, here: Linearised) -> None:
         """The same from where a step has led; those that are behind are forgotten."""
-        known, self._known, self.rows = self._known, [], []
-        for brink in known:
-            self.met(brink, here)
+        rows = [(brink, self._problem.kept_from(brink, here)) for brink in self._known]
+        self._known = [brink for brink, row in rows if row is not None]
+        self.rows = [row / SHARE for _, row in rows if row is not None]
 
     def hold(self, step: Floats) -> bool:
-        """Whether a step goes as far as one of them lets it, or farther."""
+        """Whether a step goes as far as one of them lets it."""
         return any(abs(float(row @ step)) > 1.0 - _HELD for row in self.rows)
 
 
