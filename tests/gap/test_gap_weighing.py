@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.effects.registry import catalogue, fields
-from bulgefit.errors import SolveError
+from bulgefit.errors import Cause, SolveError
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
 from bulgefit.gap.evidence.brink import LostStabilityError
@@ -487,6 +488,32 @@ def test_where_the_law_is_not_elliptic_no_descent_leaps_and_it_is_found_from_res
         specimen.shapes(values, near=near)
     found = _balanced(specimen, values, (), near)
     np.testing.assert_array_equal(found.displacement, specimen.shapes(values).displacement)
+
+
+def test_from_a_stable_neighbour_the_path_from_rest_goes_no_further_than_it_is_stable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What lies beyond is refused anyhow, and a path to it takes long."""
+    specimen, slips = at_three_pressures(), {"clamp_slip.compliance": 0.01}
+    near, values = specimen.shapes({**TRUTH, **slips}), {**SOFT, **slips}
+    assert not specimen.shapes(values).stable.all()
+    with pytest.raises(SolveError) as lost:
+        specimen.shapes(values, within=True)
+    assert lost.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    asked = list[bool]()
+    shapes = Specimen.shapes
+
+    def told(self: Specimen, *args: Any, within: bool = False, **more: Any) -> Any:
+        asked.append(within)
+        return shapes(self, *args, within=within, **more)
+
+    monkeypatch.setattr(Specimen, "shapes", told)
+    with pytest.raises(SolveError) as again:
+        _balanced(specimen, values, (), near)
+    assert str(again.value) == str(lost.value)
+    assert asked == [False, True]
+    beyond = shapes(specimen, {**SOFT, "clamp_slip.compliance": 0.0101})
+    assert not _balanced(specimen, values, (), beyond).stable.all()
 
 
 def test_a_step_that_its_neighbour_does_not_lead_to_is_too_long() -> None:

@@ -231,6 +231,8 @@ class Inflation:
         changes: Mapping[str, Change],
         guesses: Floats | None,
         threads: int,
+        *,
+        within: bool = False,
     ) -> Shapes:
         """Every frame balanced at its own pressure; raises SolveError.
 
@@ -238,6 +240,8 @@ class Inflation:
         ----------
         guesses : (frames, n, 3) array, mm, or None
             Displacements near balance; default: those of a rough path.
+        within : bool
+            That path goes no further than it is stable.
         """
         membrane = self.membrane(given)
         pressure = np.asarray(given.load.balanced, dtype=float)
@@ -245,7 +249,7 @@ class Inflation:
         pressure = np.maximum(pressure, LEAST_PRESSURE)
         work, loose = 0, False
         if guesses is None:
-            guesses, work = self._guesses(membrane, given, pressure, values)
+            guesses, work = self._guesses(membrane, given, pressure, values, within=within)
             loose = membrane.fabric.lies_loosely
         guesses[:, membrane.fixed] = 0.0
         if given.edge is not None:
@@ -338,6 +342,8 @@ class Inflation:
         given: Description,
         pressure: Floats,
         values: dict[str, float],
+        *,
+        within: bool,
     ) -> tuple[Floats, int]:
         """Displacements (frames, n, 3) near balance, from a path, and its factorisations.
 
@@ -354,7 +360,7 @@ class Inflation:
                 (min(low, 0.5 * high), high),
                 tolerance=0.05,
                 parameters=values,
-                beyond_ellipticity=True,
+                beyond_ellipticity=not within,
             )
         low, high = path.pressure[0], path.pressure[-1]
         guess = np.array([path(min(max(p, low), high))[0] for p in pressure])

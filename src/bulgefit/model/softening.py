@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from bulgefit.fem.linear import NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane, State
@@ -51,7 +51,9 @@ class Kept:
 def lost_mode(
     membrane: Membrane, displacement: Floats, pressure: float, stiffness: Floats
 ) -> Floats | None:
-    """The mode (n, 3), of unit length, in which a shape gives way most; None where it does not.
+    """The mode (n, 3), of unit length, in which a shape gives way most.
+
+    None where it does not, or none is found.
 
     The lowest of the tangent is that of K + c, with c (N/mm) so large that it is positive definite:
     the largest of its inverse.
@@ -65,7 +67,10 @@ def lost_mode(
     factor, size = membrane.factorise(state, shift), membrane.linear.size
     inverse = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     start = np.random.default_rng(0).normal(size=size)
-    return membrane.spread(eigsh(inverse, k=1, which="LA", v0=start)[1][:, 0])
+    try:
+        return membrane.spread(eigsh(inverse, k=1, which="LA", v0=start)[1][:, 0])
+    except ArpackNoConvergence:
+        return None
 
 
 def _is_definite(membrane: Membrane, state: State, shift: float = 0.0) -> bool:
@@ -107,7 +112,7 @@ def kept_by(
     above, below = displacement + step * mode, displacement - step * mode
 
     def residual(shape: Floats) -> Floats:
-        return membrane.state(shape, pressure, stiffness, tangent=False).residual.copy()
+        return membrane.state(shape, pressure, stiffness, tangent=False).residual
 
     up, here, down = residual(above), residual(displacement), residual(below)
     second = (up - 2.0 * here + down) / step**2

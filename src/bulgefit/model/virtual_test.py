@@ -135,7 +135,12 @@ class VirtualTest:
         return null_values(self.test.poisson_ratio)
 
     def shapes(
-        self, values: Values, names: Iterable[str] = (), near: Shapes | None = None
+        self,
+        values: Values,
+        names: Iterable[str] = (),
+        near: Shapes | None = None,
+        *,
+        within: bool = False,
     ) -> Shapes:
         """Balance every frame.
 
@@ -147,6 +152,8 @@ class VirtualTest:
             Parameters to differentiate by; those of the cameras change no shape.
         near : Shapes, optional
             Of a neighbouring parameter set, with derivatives: the start.
+        within : bool
+            Give up a path from rest where it loses stability, instead of going on beyond that.
 
         Raises
         ------
@@ -170,7 +177,7 @@ class VirtualTest:
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
         guesses = None if near is None else self._ahead(near, given)
-        return self.inflation.balanced(here, given, changes, guesses, self.threads)
+        return self.inflation.balanced(here, given, changes, guesses, self.threads, within=within)
 
     def lost_mode(self, shapes: Shapes, frame: int) -> Floats | None:
         """The mode (n, 3) in which the shape of a frame gives way; None where it does not."""

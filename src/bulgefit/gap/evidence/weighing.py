@@ -260,7 +260,10 @@ class Weighing:
         shapes = here.near[brink.specimen]
         names = [k.key.name for k in chosen if k.key.name in shapes.derivative]
         specimen = self.data[brink.specimen].specimen
-        kept = specimen.kept_by(shapes, names, brink.frame, brink.mode)
+        try:
+            kept = specimen.kept_by(shapes, names, brink.frame, brink.mode)
+        except ArithmeticError:  # as where shapes have no derivatives: a cell or a wrinkle gave way
+            return None
         if kept.stiffness <= 0.0:
             return None
         row = np.zeros(len(here.columns))
@@ -364,17 +367,19 @@ def _balanced(
 ) -> Shapes:
     """Shapes from a neighbour's; by the path from rest where those lead nowhere, or astray.
 
-    Cloth that lies loosely moves far with little, and a long step may land on another branch.
+    Cloth that lies loosely moves far with little, and a long step may land on another branch. Where
+    the neighbour is stable so is what it leads to, or nothing is: the path ends where it is not.
     """
-    if near is not None:
-        try:
-            found = specimen.shapes(values, names, near)
-            if strictly or _lost(near, found) is None:
-                return found
-        except SolveError:
-            if strictly:
-                raise
-    return specimen.shapes(values, names)
+    if near is None:
+        return specimen.shapes(values, names)
+    try:
+        found = specimen.shapes(values, names, near)
+        if strictly or _lost(near, found) is None:
+            return found
+    except SolveError:
+        if strictly:
+            raise
+    return specimen.shapes(values, names, within=bool(near.stable.all()))
 
 
 def _lost(before: Shapes, after: Shapes) -> int | None:
