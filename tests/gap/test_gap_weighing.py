@@ -537,7 +537,9 @@ def test_a_step_that_its_neighbour_does_not_lead_to_is_too_long() -> None:
 def test_a_step_that_loses_stability_tells_the_mode_and_what_kept_it_from_that() -> None:
     """What that changes by is the forecast of where steps have to end: by differences, as well."""
     data = Data(at_three_pressures(), np.full(3, 0.01), np.ones((3, 2, 3), dtype=bool))
-    effects = [catalogue()[name] for name in ("nonlinear_material", "clamp_slip")]
+    # what changes the law, the surface, the weights, the clamp, its edge and the load
+    names = ("nonlinear_material", "clamp_shape", "stiffness_gradient", "clamp_slip", "slip_field")
+    effects = [{**catalogue(), **fields()}[n] for n in (*names, "prestrain", "pressure_offset")]
     coordinates = Coordinates.of(effects, [data.specimen.nulls()])
     layout, weighing = Layout.of(coordinates.groups), Weighing([data], coordinates)
     columns = layout.columns(layout.whole())

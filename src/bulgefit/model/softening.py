@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from bulgefit.fem.linear import NotPositiveDefiniteError
+from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane, State
 from bulgefit.model.forces import Forces
 
@@ -59,12 +59,12 @@ def lost_mode(
     the largest of its inverse.
     """
     state = membrane.state(displacement, pressure, stiffness)
-    if state.tangent is None or _is_definite(membrane, state):
+    if state.tangent is None or _factor(membrane, state) is not None:
         return None
-    shift = next((shift for shift in _SHIFTS if _is_definite(membrane, state, shift)), None)
-    if shift is None:
+    factors = (_factor(membrane, state, shift) for shift in _SHIFTS)
+    factor, size = next((f for f in factors if f is not None), None), membrane.linear.size
+    if factor is None:
         return None
-    factor, size = membrane.factorise(state, shift), membrane.linear.size
     inverse = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     start = np.random.default_rng(0).normal(size=size)
     try:
@@ -73,12 +73,12 @@ def lost_mode(
         return None
 
 
-def _is_definite(membrane: Membrane, state: State, shift: float = 0.0) -> bool:
+def _factor(membrane: Membrane, state: State, shift: float = 0.0) -> Factor | None:
+    """Of the tangent with so much added to its diagonal; None where it is not positive definite."""
     try:
-        membrane.factorise(state, shift)
+        return membrane.factorise(state, shift)
     except NotPositiveDefiniteError:
-        return False
-    return True
+        return None
 
 
 def kept_by(

@@ -100,7 +100,7 @@ class Window:
         base = np.clip(np.floor(place).astype(np.intp) - 1, 0, size - 4)
         steps = np.arange(4)
         columns = (base[:, 0, None, None] + steps[:, None]) * size + base[:, 1, None, None] + steps
-        ends = 16 * np.cumsum(np.bincount(owner, minlength=len(points)))
+        ends = len(steps) ** 2 * np.cumsum(np.bincount(owner, minlength=len(points)))
         x, y = _lagrange(place[:, 0] - base[:, 0]), _lagrange(place[:, 1] - base[:, 1])
         values = share[:, None, None] * x[:, :, None] * y[:, None, :]
         return sparse.csr_array(
