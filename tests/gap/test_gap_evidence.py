@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,7 @@ from bulgefit.gap.evidence.problem import Group, Layout, Linearised, Model
 from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.ways import Ways
+from bulgefit.parallel.journal import journaled
 
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -766,6 +769,30 @@ def test_of_all_fits_the_best_alone_keeps_what_a_neighbour_starts_from():
     assert set(kept.values()) == {"shapes"}
 
 
+def test_fits_that_are_journaled_are_not_looked_for_again(tmp_path: Path) -> None:
+    """Those that found nothing neither: nothing balances where three are free."""
+    rng = np.random.default_rng(5)
+    rows = rng.normal(size=(30, 4))
+    measured = rows @ [2.0, 0.0, 0.0, 1.5] + 0.1 * rng.normal(size=30)
+
+    def found(problem: Edge, *, resume: bool = False) -> list[float]:
+        search = searched(problem)
+        with suppress(KeyboardInterrupt), journaled(tmp_path / "part", {}, resume=resume):
+            for names in ("abc", "ad", "a"):
+                search.fit(freeze(dict.fromkeys(names, 0)), np.zeros(4))
+            raise KeyboardInterrupt
+        return sorted(fit.score for fit in search.fits.values())
+
+    first, again = (
+        Edge([group(n, [1.0]) for n in "abcd"], measured, lambda x: (rows @ x, rows)) for _ in "12"
+    )
+    before = found(first)
+    assert len(before) == 2
+    assert first.tries > 0
+    assert found(again, resume=True) == before
+    assert again.tries == 0
+
+
 def test_a_wrong_group_is_swapped_for_the_right_one():
     """Alike to 0.995, so that beside the wrong group the right one adds too little to pay."""
     rng = np.random.default_rng(6)
@@ -1143,7 +1170,10 @@ def test_an_effect_in_a_field_is_seen_once_that_is_as_large_as_it_is():
 class Edge(Known):
     """Balances by two coordinates, and no further."""
 
+    tries = 0
+
     def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+        self.tries += 1
         if len(columns) > 2:
             raise SolveError(
                 "no step makes progress", pressure=0.2, reached=0.2, iteration=1, residual_norm=1.0,

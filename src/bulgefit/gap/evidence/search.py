@@ -89,9 +89,10 @@ class Search(Generic[Kind]):
         None where nothing balances. `hope` and `doubted` are what `descend` may be stopped by.
         """
         self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
-        try:
-            found = kept(
-                lambda: descend(
+
+        def work() -> Fit | None:
+            try:
+                found = descend(
                     self.problem,
                     self.layout,
                     model,
@@ -102,20 +103,24 @@ class Search(Generic[Kind]):
                     hope=hope,
                     doubted=doubted,
                 )
-            )
-        except SolveError:
-            return self.fits.get(model)
-        known = self.fits.get(model)
-        if known is None or found.score < known.score:
-            before = self.best if self.fits else found
-            self.fits[model] = found
-            self._let_go(before if found.score < before.score else found)
-        return self.fits[model]
+            except SolveError:
+                return None
+            return found if self._leads(found) else found.lighter(self.problem)
 
-    def _let_go(self, fit: Fit) -> None:
-        """What only makes a neighbour's solve sooner, of a fit that is not the best of all."""
-        if fit is not self.best and self.fits.get(fit.model) is fit:
-            self.fits[fit.model] = fit.lighter(self.problem)
+        found, known = kept(work), self.fits.get(model)
+        if found is not None and (known is None or found.score < known.score):
+            if self.fits and self._leads(found):  # what led does not any more
+                self.fits[self.best.model] = self.best.lighter(self.problem)
+            self.fits[model] = found
+        return self.fits.get(model)
+
+    def _leads(self, fit: Fit) -> bool:
+        """Whether a fit is better than all.
+
+        Of the others what only makes a neighbour's solve sooner is not kept: with hundreds of
+        coordinates that is more than all else.
+        """
+        return not self.fits or fit.score < self.best.score
 
     def around(self, fit: Fit) -> Linearised:
         """The misfit at a fit by every coordinate that may be freed.
