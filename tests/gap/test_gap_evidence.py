@@ -15,7 +15,7 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import multivariate_normal, norm
 
-from bulgefit.effects.parameter import Owned
+from bulgefit.effects.parameter import Owned, as_wide_as
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.amplitude import amplitudes
 from bulgefit.gap.evidence.brink import LostStabilityError, bounded_within
@@ -1012,13 +1012,28 @@ def lifted(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def lifts(truth: list[float]) -> Known:
     groups = [
         group(
-            "lift", [1.0, np.pi, 0.1], lower=np.array([0.0, -np.inf, -np.inf]),
+            "lift", [1.0, as_wide_as(2 * np.pi), 0.1], lower=np.array([0.0, -np.inf, -np.inf]),
             forms=((0, 1), (0, 1, 2)), governor=(0, 0, 0), period=(np.inf, 2 * np.pi, np.inf),
         ),
         group("tilt", [1.0, 1.0]),
     ]  # fmt: skip
     noise = np.random.default_rng(9).normal(size=160)
     return Known(groups, lifted(np.array(truth))[0] + noise, lifted)
+
+
+@pytest.mark.parametrize("side", [0.0, 1.0, -3.0])
+def test_before_any_data_each_side_is_as_likely(side: float) -> None:
+    """What the data tell of it is worth as much on any, and nothing where they tell nothing."""
+    layout = Layout.of([group("side", [as_wide_as(2.0 * np.pi)], period=(2.0 * np.pi,))])
+    at, columns = np.array([side]), np.array([0])
+    for stiffness in (40.0, 0.0):
+        here = Linearised(at, columns, 0.0, np.zeros(1), np.array([[stiffness]]))
+        seen, _ = quad(lambda a, h=stiffness: np.exp(-0.5 * h * a * a), -np.pi, np.pi)
+        evidence = -2.0 * np.log(seen / (2.0 * np.pi))
+        found = laplace(here, layout, columns)
+        assert found.score == pytest.approx(evidence, abs=5e-3)
+        assert found.x[0] == side
+        assert Forecast.of(here, layout, columns).score(columns) == pytest.approx(found.score)
 
 
 @pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])

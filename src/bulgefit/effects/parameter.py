@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 from bulgefit.errors import InputError
 
-__all__ = ["Key", "Owned", "Parameter", "by_key", "ends_about", "of_specimen"]
+__all__ = ["Key", "Owned", "Parameter", "as_wide_as", "by_key", "ends_about", "of_specimen"]
 
 Value = TypeVar("Value")
 
@@ -126,7 +126,8 @@ class Parameter:
         Another of the effect's parameters, where which is at its null this one means nothing: a
         lift's amplitude governs its direction.
     period : float or None
-        What values may differ by and be the same; None: each is another.
+        What values may differ by and be the same; None: each is another. Before any measurement
+        each value within it is as likely, and the prior as wide as that says (`as_wide_as`).
     above : float or None
         Which a value must exceed to mean anything, where no other attribute says so: a gauge whose
         gain is -1 reads nothing whatever the pressure.
@@ -194,6 +195,11 @@ class Parameter:
     def by_value(self, value: float) -> float:
         """∂(what the model differentiates by)/∂value; of squares also from none at all on."""
         return 2.0 * max(value, _LEAST_LENGTH) if self.coordinate == "square" else 1.0
+
+
+def as_wide_as(period: float) -> float:
+    """Standard deviation of a Gaussian as dense in its middle as what is alike all round."""
+    return period / math.sqrt(2.0 * math.pi)
 
 
 def ends_about(value: float, step: float) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bulgefit.effects.base import Effect, Own, stiffening
-from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.parameter import Parameter, as_wide_as
 from bulgefit.effects.places import Clamping
 
 __all__ = ["EFFECT"]
@@ -40,8 +40,8 @@ class RimLift(Effect):
             "degree",
             -180.0,
             180.0,
-            prior=180.0,
-            reason="any side may lift",
+            prior=as_wide_as(360.0),
+            reason="any side may lift, each as likely",
             step=1e-3,
             governor="amplitude",
             period=360.0,

@@ -47,7 +47,7 @@ class Cause:
     alternatives : tuple of str
         Effects that this data cannot tell from it.
     parameters : dict of name to {"value", "stderr", "unit", "pull"}
-        The pull is the distance from the null in prior widths.
+        The pull is the distance from the null in prior widths; a direction has none.
     at_bound : bool
         A parameter sits at the edge of its plausible range.
     share_of_gap : float or None

@@ -162,12 +162,10 @@ def _evidence(
     group: Owned,
     without: Regression | None,
 ) -> Evidence:
-    part = layout.part(group)
-    pulls = {
-        coordinates.every[c].key: float((fit.x[c] - layout.null[c]) / layout.width[c])
-        for c in layout.columns(fit.model)
-        if part.start <= c < part.stop
-    }
+    part, columns = layout.part(group), layout.columns(fit.model)
+    columns = columns[(part.start <= columns) & (columns < part.stop)]
+    away = layout.away(columns, fit.x[columns]).tolist()
+    pulls = {coordinates.every[c].key: pull for c, pull in zip(columns, away, strict=True)}
     probability = chances.groups.get(group, 0.0)
     rivals = chances.rivals(group) if probability < SURE else ()
     return Evidence(probability, rivals, without, pulls)

@@ -145,7 +145,7 @@ class Forecast:
 
 def _believed(layout: Layout, columns: Columns, at: Floats) -> float:
     """-2 ln of the prior where coordinates stand: of those that mean nothing there none counts."""
-    return float((((at - layout.null[columns]) / layout.width[columns]) ** 2).sum())
+    return float((layout.away(columns, at) ** 2).sum())
 
 
 def _without(

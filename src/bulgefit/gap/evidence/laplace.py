@@ -66,10 +66,9 @@ def quadratic(here: Linearised, layout: Layout, columns: Columns) -> tuple[float
     square = here.square - 2.0 * change @ here.gradient[gone]
     square += change @ here.hessian[np.ix_(gone, gone)] @ change
     gradient = here.gradient[own] - here.hessian[np.ix_(own, gone)] @ change
-    away = here.x[columns] - layout.null[columns]
-    width = layout.width[columns]
-    value = square + ((away / width) ** 2).sum()
-    slope = gradient - away / width**2
+    away, width = layout.away(columns, here.x[columns]), layout.width[columns]
+    value = square + (away**2).sum()
+    slope = gradient - away / width
     matrix = here.hessian[np.ix_(own, own)] + np.diag(width**-2)
     return float(value), slope, matrix
 

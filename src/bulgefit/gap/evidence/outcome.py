@@ -135,7 +135,8 @@ def _prior(chosen: list[Coordinate], x: Floats, excess: float) -> Floats:
     matrix = np.zeros((len(chosen) + 1, len(chosen) + 1))
     for place, (coordinate, at) in enumerate(zip(chosen, x, strict=True)):
         by_value = 1.0 / _by_coordinate(coordinate, at)
-        row = np.sqrt(excess) / coordinate.width * np.array([by_value, coordinate.null - at])
+        away = 0.0 if coordinate.parameter.period else coordinate.null - at  # `Layout.away`
+        row = np.sqrt(excess) / coordinate.width * np.array([by_value, away])
         here = np.ix_([place, len(chosen)], [place, len(chosen)])
         matrix[here] += np.outer(row, row)
     return matrix

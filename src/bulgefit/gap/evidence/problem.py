@@ -52,7 +52,8 @@ class Group:
         is none. Default: none has any.
     period : tuple of float
         What values of a coordinate may differ by and be the same; infinite where each is another.
-        Default: of all.
+        Default: of all. Before any data each value within a period is as likely: the prior has its
+        middle where the coordinate stands, and its width makes it as dense there.
     hidden_by : tuple of Owned
         Groups that do what this one does but for its second order: beside them it takes nothing off
         the misfit at its null.
@@ -273,6 +274,11 @@ class Layout:
     def own(self, name: Owned, form: int) -> Columns:
         """Coordinates of one group in a form, ascending."""
         return self._first[name] + np.array(sorted(self.groups[name].shapes[form]), dtype=np.intp)
+
+    def away(self, columns: Columns, at: Floats) -> Floats:
+        """Distances (k,), in widths, of coordinates at `at` (k,) from the middle of their prior."""
+        away = (at - self.null[columns]) / self.width[columns]
+        return np.where(np.isfinite(self.period[columns]), 0.0, away)
 
     def believed(self, model: Model) -> float:
         """-2 ln of a model's probability before any data (`_of_count`).
