@@ -10,6 +10,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import estimate_noise, noise_of
 from bulgefit.errors import InputError
+from bulgefit.gap.bands import BANDS, excess_roughness
 from bulgefit.gap.caveats import left_out
 from bulgefit.gap.prepare import _usable_frames, drop_outliers, prepare
 
@@ -102,6 +103,13 @@ def test_bands_that_grow_by_and_by_are_seen_where_they_have_outgrown_the_field(
     frames, rough_from = _usable_frames(bulge_test(points, seen))
     assert rough_from is not None
     assert 7 <= len(frames) <= 10
+
+
+def test_frames_in_which_nothing_moved_bound_no_other(points: np.ndarray) -> None:
+    rng = np.random.default_rng(9)
+    seen = dome(points, 10) + SIGMA * rng.normal(size=(10, len(points), 3))
+    seen[:3] = 0.0
+    assert excess_roughness(points[:, :2], seen)[3:].max() < BANDS
 
 
 def correlated(points: np.ndarray, power: int) -> tuple[BulgeTest, float]:

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.mixtures import independent_frames
-from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers, rough_part
+from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers
 from bulgefit.dic.unmix import recorded_frames
 from bulgefit.errors import InputError
+from bulgefit.gap.bands import first_with_bands
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.specimen import Specimen
@@ -39,8 +39,6 @@ LEAST_POINTS, LEAST_FRAMES = 60, 5
 #: Standard deviation of the points across their longest direction, relative to the clamp radius;
 #: points all over the disc have 0.5.
 LEAST_WIDTH = 0.02
-#: Roughness over what it would be by earlier frames, above which the fabric has localised.
-ROUGH = 2.5
 
 
 @dataclass(eq=False)
@@ -146,7 +144,7 @@ def _complete(block: Block) -> NDArray[np.bool_]:
 
 
 def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
-    """Frames with pressure, up to the one where the field turns rough; thinned evenly."""
+    """Frames with pressure, up to the one where bands begin; thinned evenly."""
     (block,) = test.blocks
     order = np.argsort(test.pressure, kind="stable")
     frames = order[test.pressure[order] > 0.0]
@@ -154,10 +152,8 @@ def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
     if len(frames) < LEAST_FRAMES:
         return frames, None
     points = np.asarray(block.reference[:, :2], dtype=float)
-    rough = rough_part(points, np.asarray(block.displacement[frames], dtype=float))
-    level = np.sqrt(np.nanmean(np.clip(rough, -1.0, 1.0)[..., :2] ** 2, axis=(1, 2)))
-    size = np.sqrt(np.nanmean(block.displacement[frames][..., :2] ** 2, axis=(1, 2)))
-    wild, rough_from = _localised(level, size), None
+    wild = first_with_bands(points, np.asarray(block.displacement[frames], dtype=float))
+    rough_from = None
     if wild is not None:
         first = max(wild - 1, 0)  # the frame before may already begin to
         rough_from = 10.0 * float(test.pressure[frames[first]])
@@ -165,31 +161,6 @@ def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
     if len(frames) > MOST_FRAMES:
         frames = frames[np.unique(np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int))]
     return frames, rough_from
-
-
-def _localised(level: Floats, size: Floats) -> int | None:
-    """First frame from which the field stays rougher than noise and a smooth field can make it.
-
-    What a quadratic surface leaves of a field that keeps its form grows in proportion to that, and
-    noise does not grow: by an earlier frame the roughness is no more than its own, times the growth
-    of the field. Bands come within frames. The tightest such bound holds, of medians of three
-    frames in a row: one frame alone may be smoother than others.
-
-    Parameters
-    ----------
-    level, size : (frames,) array, mm
-        Root mean squares, in plane, of what a surface leaves and of the displacement.
-    """
-    size = np.maximum(size, np.finfo(float).tiny)
-    bound = level * np.maximum(size[:, None] / size, 1.0)
-    medians = np.median(sliding_window_view(bound, 3, axis=1), axis=2)
-    allowed = np.full(len(level), np.inf)
-    for frame in range(3, len(level)):
-        allowed[frame] = ROUGH * medians[frame, : frame - 2].min()
-    wild = np.flatnonzero(level > allowed)
-    if not len(wild) or (level[wild[0] :] <= 0.7 * allowed[wild[0] :]).any():
-        return None
-    return int(wild[0])
 
 
 def _thinned(test: BulgeTest) -> BulgeTest:
