@@ -223,8 +223,8 @@ MUTANTS = (
     ),
     Mutant(
         "gap/evidence/laplace.py",
-        "gradient - away / width**2",
         "gradient - away / width",
+        "gradient - away",
         EVIDENCE,
     ),
     Mutant("gap/evidence/laplace.py", "- 2.0 * inside", "+ 2.0 * inside", EVIDENCE),
@@ -239,6 +239,8 @@ MUTANTS = (
     # laws and kernels
     Mutant("fem/membrane.py", "(0.5 * _SPENT * left", "(_SPENT * left", "fem/test_uniaxial.py"),
     Mutant("fem/relaxation.py", "held * n2 * n2", "held * n1 * n1", CONSISTENCY),
+    Mutant("fem/relaxation.py", "range(150)", "range(60)", CONSISTENCY),
+    Mutant("fem/relaxation.py", " + 1e-15 * abs(energy)", "", CONSISTENCY),
     Mutant(
         "fem/tracing/levels.py",
         "self.elliptic and balance.leapt and not",
@@ -410,9 +412,7 @@ MUTANTS = (
         WEIGHING,
     ),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
-    Mutant(
-        "gap/prepare.py", "size[:, None] / size", "size / size[:, None]", "gap/test_gap_noise.py"
-    ),
+    Mutant("gap/bands.py", "np.inf) * growth", "np.inf)", "gap/test_gap_noise.py"),
     Mutant("gap/evidence/shares.py", "others if len(others)", "[] if len(others)", EVIDENCE),
     Mutant("fem/membrane.py", "end, named[:, -1])", "named[:, -1], named[:, -1])", LAWS),
     Mutant("fem/equilibrium.py", "search.rate = np.inf", "search.rate = 0.0", "fem/test_path.py"),

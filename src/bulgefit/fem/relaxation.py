@@ -98,7 +98,8 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2):
     """
     scale = q[0] + q[1]
     at = law.response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
-    for _ in range(60):
+    # from a ridge between two minima it takes some sixty steps to leave it
+    for _ in range(150):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
         norm_a = math.hypot(a1, a2)
@@ -119,8 +120,9 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2):
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
             at = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)
-            # strains carry a rounding error of 1e-16, and the energy with them
-            if at[0] <= energy + 1e-4 * step * slope + 1e-16 * math.sqrt(scale * abs(energy)):
+            # strains carry a rounding error of 1e-16, and the energy with them and of its own
+            rounding = 1e-16 * math.sqrt(scale * abs(energy)) + 1e-15 * abs(energy)
+            if at[0] <= energy + 1e-4 * step * slope + rounding:
                 break
             step *= 0.5
         a1, a2 = b1, b2
