@@ -29,7 +29,7 @@ os.environ.update(
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -268,28 +268,46 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
 def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: SolveError) -> bool:
     """Whether the path is stable up to 1 % above, followed by 0.2 % at a time.
 
-    Two stable shapes may also lie on either side of a snap: then the upper one leads down to
-    another shape than the lower one, or the branch between them, by its volume, is unstable.
+    And within 0.4 % by a tenth of that, since a longer step may leap over a snap. Two stable
+    shapes may also lie on either side of a snap: then the upper one leads down to another shape
+    than the lower one, or the branch between them, by its volume, is unstable.
     """
-    before, shape = below(0.998 * below.pressure[-1])[0], below.displacement[-1]
-    last = float(below.pressure[-1])
-    for p in (np.arange(0.992, 1.011, 0.002) * error.reached).tolist():
-        try:
-            balance = solve(membrane, 2.0 * shape - before, p, stiffness, follow=True)
-        except NewtonError:
+    last, low = float(below.pressure[-1]), below.displacement[-1]
+    coarse = np.arange(0.992, 1.011, 0.002) * error.reached
+    for p, shape in _followed(membrane, stiffness, below, coarse):
+        if shape is None:
             return False
-        if not balance.stable:
-            return False
-        before, shape = shape, balance.displacement
         # a snap further on says nothing of this loss
         beside = abs(p / error.reached - 1.0) < 0.003
         if beside and (
-            _comes_down_apart(membrane, stiffness, before, shape, last)
-            or _snaps(membrane, stiffness, before, shape, p)
+            _comes_down_apart(membrane, stiffness, low, shape, last)
+            or _snaps(membrane, stiffness, low, shape, p)
         ):
             return False
-        last = p
-    return True
+        last, low = p, shape
+    fine = np.concatenate([coarse[:2], np.arange(0.996, 1.004, 0.0002) * error.reached])
+    return all(shape is not None for _, shape in _followed(membrane, stiffness, below, fine))
+
+
+def _followed(
+    membrane: Membrane, stiffness: np.ndarray, below: Path, pressures: np.ndarray
+) -> Iterator[tuple[float, np.ndarray | None]]:
+    """Stable shapes at rising pressures (MPa), each predicted from two before; None ends them."""
+    ps = [0.998 * float(below.pressure[-1]), float(below.pressure[-1])]
+    shapes = [below(ps[0])[0], below.displacement[-1]]
+    for p in pressures.tolist():
+        ahead = (p - ps[1]) / (ps[1] - ps[0])
+        guess = shapes[1] + ahead * (shapes[1] - shapes[0])
+        try:
+            balance = solve(membrane, guess, p, stiffness, follow=True)
+        except NewtonError:
+            yield p, None
+            return
+        if not balance.stable:
+            yield p, None
+            return
+        yield p, balance.displacement
+        ps, shapes = [ps[1], p], [shapes[1], balance.displacement]
 
 
 def _comes_down_apart(

@@ -23,9 +23,15 @@ def benchmark(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return import_module("robustness")
 
 
-def test_a_path_that_leads_over_a_snap_is_no_path_beyond_a_loss(benchmark: ModuleType) -> None:
-    """Shapes on both sides are stable, 0.27 mm apart; volume turns back there as pressure does."""
-    case = benchmark.draw(64, 987)
+@pytest.mark.parametrize(("seed", "number"), [(64, 987), (68, 30)])
+def test_a_path_that_leads_over_a_snap_is_no_path_beyond_a_loss(
+    benchmark: ModuleType, seed: int, number: int
+) -> None:
+    """Shapes on both sides are stable, and volume turns back there as pressure does.
+
+    They are 0.27 mm apart; of the other set, by a hundredth, steps of 0.2 % led over that and back.
+    """
+    case = benchmark.draw(seed, number)
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     with pytest.raises(SolveError) as caught:
         trace(membrane, stiffness)
