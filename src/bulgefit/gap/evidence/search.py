@@ -105,7 +105,9 @@ class Search(Generic[Kind]):
                 )
             except SolveError:
                 return None
-            return found if self._leads(found) else found.lighter(self.problem)
+            return (
+                found.rounded(self.problem) if self._leads(found) else found.lighter(self.problem)
+            )
 
         found, known = kept(work), self.fits.get(model)
         if found is not None and (known is None or found.score < known.score):
@@ -117,8 +119,8 @@ class Search(Generic[Kind]):
     def _leads(self, fit: Fit) -> bool:
         """Whether a fit is better than all.
 
-        Of the others what only makes a neighbour's solve sooner is not kept: with hundreds of
-        coordinates that is more than all else.
+        What only makes a neighbour's solve sooner is kept of it alone, and to the digits that this
+        takes: with hundreds of coordinates that is more than all else.
         """
         return not self.fits or fit.score < self.best.score
 
