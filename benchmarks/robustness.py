@@ -298,12 +298,10 @@ def _followed(
     for p in pressures.tolist():
         ahead = (p - ps[1]) / (ps[1] - ps[0])
         guess = shapes[1] + ahead * (shapes[1] - shapes[0])
-        try:
+        balance = None
+        with suppress(NewtonError):
             balance = solve(membrane, guess, p, stiffness, follow=True)
-        except NewtonError:
-            yield p, None
-            return
-        if not balance.stable:
+        if balance is None or not balance.stable:
             yield p, None
             return
         yield p, balance.displacement
