@@ -249,8 +249,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "        and not tracer.is_elliptic(here",
-        "        and tracer.is_elliptic(here",
+        "not near and not tracer.is_elliptic(here",
+        "not near and tracer.is_elliptic(here",
         "fem/test_path.py",
     ),
     Mutant(
@@ -282,9 +282,7 @@ MUTANTS = (
     Mutant(
         "gap/evidence/coordinates.py", "{**self.known, **own}", "own", "gap/test_gap_weighing.py"
     ),
-    Mutant(
-        "fem/tracing/ends.py", "raise lost_at(tracer, high, s", "break  # (", "fem/test_path.py"
-    ),
+    Mutant("fem/tracing/sound.py", "if s >= top:", "if s < top:", "fem/test_path.py"),
     Mutant(
         "effects/fields/slip_field.py",
         "1: range(13)",
@@ -476,6 +474,18 @@ MUTANTS = (
         "before, after, tracer.tolerance)",
         "before, after, 1e3 * tracer.tolerance)",
         "fem/test_path.py",
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "0.0 < 2.0 * moves[0] < moves[1]",
+        "0.0 < 200.0 * moves[0] < moves[1]",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "< 2.0 * LEAST_GROWTH * abs",
+        "< 0.0 * LEAST_GROWTH * abs",
+        "fem/test_robustness.py",
     ),
     Mutant(
         "fitting/problem.py",

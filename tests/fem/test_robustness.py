@@ -59,3 +59,34 @@ def test_a_path_without_a_snap_comes_down_as_it_went_up(benchmark: ModuleType) -
     assert not benchmark._comes_down_apart(membrane, stiffness, low, high, 0.1)
     aside = low + 2.0 * benchmark.TOLERANCE * np.eye(3)[2]
     assert benchmark._comes_down_apart(membrane, stiffness, aside, high, 0.1)
+
+
+def test_a_loss_is_looked_for_along_the_branch(benchmark: ModuleType) -> None:
+    """By pressure it was bisected over a snap, behind which there are stable shapes again.
+
+    It was told at 1.158 bar, where a path to just below it ends at 1.131 bar.
+    """
+    case = benchmark.draw(67, 1612)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == pytest.approx(0.11308, rel=1e-4)
+    assert not benchmark.doubts(membrane, stiffness, caught.value, beyond=False)
+
+
+def test_a_branch_is_not_followed_over_a_fold(benchmark: ModuleType) -> None:
+    """Of 0.004 % of the pressure, at 0.7564 bar: a loss had been told at 0.837 bar."""
+    case = benchmark.draw(70, 466)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.reached == pytest.approx(0.075642, rel=1e-4)
+
+
+def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:
+    """At 1.1507 bar a wrinkle comes, and ∂u/∂p becomes ten times what it was."""
+    case = benchmark.draw(70, 118)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness, (1e-4, 0.1155))
+    assert path.stable.all()

@@ -18,13 +18,13 @@ from bulgefit.fem.tracing.advance import TAUTER, advance, leap
 from bulgefit.fem.tracing.between import AIM, fill
 from bulgefit.fem.tracing.ends import (
     StoppedError,
-    check_ellipticity,
     given_up,
     lost_at,
     solve_error,
 )
 from bulgefit.fem.tracing.levels import BandedError, Tracer
 from bulgefit.fem.tracing.settle import settle
+from bulgefit.fem.tracing.sound import check_ellipticity
 
 __all__ = ["TOLERANCE", "Traced", "trace", "traced"]
 

@@ -44,8 +44,8 @@ class Point:
     volume : float, mm³
     stable : bool
         Under a given pressure: the tangent is positive definite.
-    rises : bool
-        More volume takes more pressure there: dV/dp = f·K⁻¹f > 0.
+    rate : float, MPa/mm³
+        dp/dV along the branch, 1/(f·K⁻¹f): above zero where more volume takes more pressure.
     slope : (n, 3) array, mm/mm³
         ∂u/∂V along the branch, K⁻¹f / f·K⁻¹f.
     work : int
@@ -56,7 +56,7 @@ class Point:
     pressure: float
     volume: float
     stable: bool
-    rises: bool
+    rate: float
     slope: Floats
     work: int
 
@@ -97,7 +97,7 @@ def at_volume(
         # what follows a correction is of the order of its square
         if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
             slope = membrane.spread(ahead) / growth
-            return Point(displacement, pressure, volume, stable, growth > 0.0, slope, iteration)
+            return Point(displacement, pressure, volume, stable, 1.0 / growth, slope, iteration)
         longer += size >= before
         if longer == _LONGER:
             break

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.hermite import STENCIL
 from bulgefit.fem.tracing.advance import PATIENCE
-from bulgefit.fem.tracing.ends import sound_up_to
 from bulgefit.fem.tracing.levels import Level, Tracer
+from bulgefit.fem.tracing.sound import sound_up_to
 
 __all__ = ["AIM", "fill"]
 

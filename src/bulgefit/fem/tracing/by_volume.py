@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +12,15 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
-from bulgefit.fem.tracing.levels import Level, Tracer, is_between
+from bulgefit.fem.tracing.levels import Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
-__all__ = ["go_by_volume"]
+__all__ = ["LEAST_GROWTH", "ahead_of", "go_by_volume", "point_at", "rising"]
 
 Floats = NDArray[np.float64]
 
 #: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
-_GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-4, 0.2
+_GROWTH, LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-6, 0.2
 #: Steps by volume before a branch that still rises is given up.
 _BY_VOLUME = 40
 
@@ -32,45 +34,70 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
         At the limit pressure, where the law loses ellipticity, or where this does not do either.
     """
     last = tracer.levels[-1]
-    here = _of_level(tracer, last)
-    points = [here]
-    growth = _first_growth(tracer, here.volume)
-    for _ in range(_BY_VOLUME):
-        here = points[-1]
-        wanted = here.volume + growth * abs(here.volume)
-        try:
-            point = _at_volume(tracer, here, wanted)
-        except NewtonError as error:
-            tracer.wasted += error.work
-            growth *= 0.5
-            if growth < _LEAST_GROWTH:
-                break
-            continue
-        points.append(point)
-        if not _is_sound(tracer, point):
-            near = _past_turn(tracer, here, point)
-            if near is not None:
-                points[-1] = near
-                continue
-        # falling pressure, or one that has been higher still
-        if point.pressure < here.pressure or not point.rises:
-            raise _limit(tracer, points, failure)
-        s = np.cbrt(point.pressure)
+    here = first = point_at(tracer, last.s, last.displacement, last.slope, stable=last.stable)
+    growth = _first_growth(tracer, first.volume)
+    for here in islice(rising(tracer, first, growth), _BY_VOLUME):
+        s = np.cbrt(here.pressure)
         if s > beyond:
             try:
-                tracer.solve(s, point.displacement, follow=True, rough=True)
+                tracer.solve(s, here.displacement, follow=True, rough=True)
                 return
             except NewtonError as error:
                 failure = error
-        growth = min(1.5 * growth, _MOST_GROWTH)
-    if tracer.elliptic and not tracer.is_elliptic(points[-1].displacement):
-        _resume(tracer, points[-1])
+    if tracer.elliptic and not tracer.is_elliptic(here.displacement):
+        s, shape, _ = ahead_of(tracer, here)
+        tracer.solve(s, shape, follow=True, rough=True)
         return
     raise given_up(tracer, failure, last.s)
 
 
-def _resume(tracer: Tracer, point: Point) -> None:
-    """Add a level near by where no volume leads on, so that pressure is stepped again from there.
+def rising(tracer: Tracer, here: Point, growth: float) -> Iterator[Point]:
+    """Points of a branch by volumes that grow, by a share at first, as long as it is sound.
+
+    They end where shorter steps do not lead on.
+
+    Raises
+    ------
+    StoppedError
+        At the limit pressure, or where the law loses ellipticity.
+    """
+    points = [here]
+    while growth >= LEAST_GROWTH:
+        here = points[-1]
+        try:
+            point = _at_volume(tracer, here, here.volume + growth * abs(here.volume))
+        except NewtonError as error:
+            tracer.wasted += error.work
+            growth *= 0.5
+            continue
+        # falling pressure, or one that has been higher still
+        falls = point.pressure < here.pressure or point.rate <= 0.0
+        if not _is_sound(tracer, point):
+            near = _past_turn(tracer, here, point, falls=falls)
+            falls, point = (True, point) if near is None else (False, near)
+        points.append(point)
+        if falls:
+            raise _limit(tracer, points)
+        yield point
+        growth = min(1.5 * growth, _MOST_GROWTH)
+
+
+def _may_fold(here: Point, point: Point) -> bool:
+    """Whether between two points that rise the branch may have gone down and up again.
+
+    There the least stiffness goes through zero, and ∂u/∂p = K⁻¹f through infinity as its inverse. A
+    step that halves the stiffness is as long as the way that is left to zero; so is one from there.
+    Over a kink, where a wrinkle comes or goes, ∂u/∂p changes by any factor, but however short the
+    step: so the shortest ones tell a kink.
+    """
+    if point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume):
+        return False
+    moves = sorted(float(np.abs(one.slope).max()) / one.rate for one in (here, point))
+    return 0.0 < 2.0 * moves[0] < moves[1]
+
+
+def ahead_of(tracer: Tracer, point: Point) -> tuple[float, Floats, Floats]:
+    """The next s near by at which there is a sound shape where no volume leads on, and its slope.
 
     Raises
     ------
@@ -83,16 +110,13 @@ def _resume(tracer: Tracer, point: Point) -> None:
     ahead = None if here is None else beside(tracer, s, above, *here)
     if ahead is None:
         raise lost_at(tracer, above, s, point.displacement)
-    s, shape, _ = ahead
-    tracer.solve(s, shape, follow=True, rough=True)
+    return ahead
 
 
-def _of_level(tracer: Tracer, level: Level) -> Point:
-    """A level as a point of its branch: ∂u/∂V is ∂u/∂s over ∂V/∂s = f·∂u/∂s."""
-    membrane = tracer.membrane
-    volume = membrane.volume(level.displacement)
-    slope = level.slope / membrane.volume_change(level.displacement, level.slope)
-    return Point(level.displacement, level.s**3, volume, level.stable, True, slope, 0)
+def point_at(tracer: Tracer, s: float, shape: Floats, slope: Floats, *, stable: bool) -> Point:
+    """A shape as a point of its branch: ∂u/∂V is ∂u/∂s over ∂V/∂s = f·∂u/∂s."""
+    volume, grown = tracer.membrane.volume(shape), tracer.membrane.volume_change(shape, slope)
+    return Point(shape, s**3, volume, stable, 3.0 * s**2 / grown, slope / grown, 0)
 
 
 def _first_growth(tracer: Tracer, volume: float) -> float:
@@ -104,7 +128,7 @@ def _first_growth(tracer: Tracer, volume: float) -> float:
     if len(tracer.levels) < 2:
         return _GROWTH
     grown = volume - tracer.membrane.volume(tracer.levels[-2].displacement)
-    return min(_GROWTH, max(_LEAST_GROWTH, grown / abs(volume)))
+    return min(_GROWTH, max(LEAST_GROWTH, grown / abs(volume)))
 
 
 def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
@@ -131,20 +155,17 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     change, grown = point.displacement - here.displacement, point.volume - here.volume
     before, after = grown * here.slope, grown * point.slope
     # asked last, since the acoustic tensor takes as long as a step of Newton's method
-    leaps = (
-        tracer.elliptic
-        and not is_between(change, before, after, tracer.tolerance)
-        and not tracer.is_elliptic(here.displacement)
-    )
+    near = is_between(change, before, after, tracer.tolerance) and not _may_fold(here, point)
+    leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
 
 
-def _past_turn(tracer: Tracer, here: Point, point: Point) -> Point | None:
+def _past_turn(tracer: Tracer, here: Point, point: Point, *, falls: bool) -> Point | None:
     """The sound point at the volume of one that is not, if the branch leads there from near by.
 
-    None where the branch was unstable before, and passes its limit pressure if pressure falls next.
+    None where pressure falls, and the branch was unstable before: it has passed its limit pressure.
 
     Raises
     ------
@@ -156,7 +177,7 @@ def _past_turn(tracer: Tracer, here: Point, point: Point) -> Point | None:
         near = _at_volume(tracer, low, high.volume)
         if _is_sound(tracer, near) and near.pressure > low.pressure:
             return near
-    if not (low.stable or not here.stable):
+    if falls and here.stable and not low.stable:
         return None
     # of what lies behind the shape may be another branch's, of any pressure
     reached = float(np.cbrt(low.pressure))
@@ -210,9 +231,11 @@ def _from(tracer: Tracer, start: Floats, pressure: float, volume: float) -> Poin
     return point
 
 
-def _limit(tracer: Tracer, points: list[Point], failure: NewtonError) -> StoppedError:
+def _limit(tracer: Tracer, points: list[Point]) -> StoppedError:
     """What ends a path at whose last point more volume takes less pressure."""
     best, work = highest_pressure(tracer.membrane, tracer.stiffness, points)
     tracer.work += work
     s, cause = np.cbrt(best.pressure), Cause.LIMIT_PRESSURE
-    return StoppedError(cause.value, cause, s * (1.0 + BRACKET), s, failure, best.displacement)
+    return StoppedError(
+        cause.value, cause, s * (1.0 + BRACKET), s, tracer.failure, best.displacement
+    )

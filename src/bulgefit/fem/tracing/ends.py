@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.equilibrium import NewtonError
-from bulgefit.fem.tracing.levels import Level, Tracer, is_between
+from bulgefit.fem.tracing.levels import Tracer, is_between
 
 __all__ = [
     "BRACKET",
     "StoppedError",
     "beside",
-    "check_ellipticity",
     "given_up",
     "lost_at",
     "solve_error",
-    "sound_up_to",
 ]
 
 Floats = NDArray[np.float64]
@@ -70,70 +68,6 @@ def solve_error(
         residual_norm=stopped.error.residual_norm,
         parameters=parameters,
     )
-
-
-def check_ellipticity(tracer: Tracer) -> None:
-    """Stop a path that is unstable because the law has lost ellipticity.
-
-    A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
-    is positive definite the shape is that of the mesh's least potential, and the path goes on. A
-    long step may also have led past that shape, to an unstable one of another branch: where the
-    path is sound all the way up to it, the level is the sound one.
-
-    Raises
-    ------
-    StoppedError
-        With the pressure at which the path is both unstable and not elliptic, by bisection.
-    """
-    levels = tracer.levels
-    if tracer.is_sound(levels[-1]):
-        return
-    first = [tracer.is_sound(level) for level in levels].index(False)
-    if first == 0:
-        raise lost_at(tracer, levels[0].s, 0.0)
-    s, shape = sound_up_to(tracer, levels[first - 1], levels[first].s)
-    del levels[first:]
-    tracer.solve(s, shape, follow=True, rough=True)
-
-
-def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats]:
-    """The shape at s = `top`, or little above it, where a path is sound all the way up to it.
-
-    Parameters
-    ----------
-    below : Level
-        A sound one.
-
-    Raises
-    ------
-    StoppedError
-        Where it is not.
-    """
-    s, shape, slope = below.s, below.displacement, below.slope
-    while s < top:
-        s, high, shape, slope = _bisected(tracer, s, top, shape, slope)
-        ahead = beside(tracer, s, high, shape, slope)
-        if ahead is None:
-            raise lost_at(tracer, high, s, shape)
-        s, shape, slope = ahead
-    return s, shape
-
-
-def _bisected(
-    tracer: Tracer, low: float, high: float, shape: Floats, slope: Floats
-) -> tuple[float, float, Floats, Floats]:
-    """The last s from which on no sound shape was found along the path, and the next one.
-
-    With the shape at the first, and its slope.
-    """
-    while high - low > BRACKET * high:
-        middle = 0.5 * (low + high)
-        found = tracer.sound_from(shape + (middle - low) * slope, middle)
-        if found is None:
-            high = middle
-        else:
-            low, (shape, slope) = middle, found
-    return low, high, shape, slope
 
 
 def beside(

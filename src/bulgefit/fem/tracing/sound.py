@@ -1,0 +1,68 @@
+"""Is a path stable, or the law elliptic, all the way up to a level?"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.fem.tracing.by_volume import LEAST_GROWTH, ahead_of, point_at, rising
+from bulgefit.fem.tracing.ends import lost_at
+from bulgefit.fem.tracing.levels import Level, Tracer
+
+__all__ = ["check_ellipticity", "sound_up_to"]
+
+Floats = NDArray[np.float64]
+
+
+def check_ellipticity(tracer: Tracer) -> None:
+    """Stop a path that is unstable because the law has lost ellipticity.
+
+    A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
+    is positive definite the shape is that of the mesh's least potential, and the path goes on. A
+    long step may also have led past that shape, to an unstable one of another branch: where the
+    path is sound all the way up to it, the level is the sound one.
+
+    Raises
+    ------
+    StoppedError
+        With the pressure at which the path is both unstable and not elliptic.
+    """
+    levels = tracer.levels
+    if tracer.is_sound(levels[-1]):
+        return
+    first = [tracer.is_sound(level) for level in levels].index(False)
+    if first == 0:
+        raise lost_at(tracer, levels[0].s, 0.0)
+    s, shape = sound_up_to(tracer, levels[first - 1], levels[first].s)
+    del levels[first:]
+    tracer.solve(s, shape, follow=True, rough=True)
+
+
+def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats]:
+    """The shape at s = `top`, or above it, where a path is sound all the way up to it.
+
+    By volume: beyond a snap there are sound shapes again, at the same pressures, so that a
+    bisection by pressure would go on behind it.
+
+    Parameters
+    ----------
+    below : Level
+        A sound one.
+
+    Raises
+    ------
+    StoppedError
+        Where it is not.
+    """
+    s, shape, slope, stable = below.s, below.displacement, below.slope, below.stable
+    while s < top:
+        here = first = point_at(tracer, s, shape, slope, stable=stable)
+        grown = (top - s) * tracer.membrane.volume_change(shape, slope)
+        growth = max(0.5 * grown / abs(first.volume), LEAST_GROWTH)
+        for here in rising(tracer, first, growth):
+            s = float(np.cbrt(here.pressure))
+            if s >= top:
+                return s, here.displacement
+        s, shape, slope = ahead_of(tracer, here)
+        stable = here.stable
+    return s, shape
