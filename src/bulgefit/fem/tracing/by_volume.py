@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +35,7 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
     last = tracer.levels[-1]
     here = first = point_at(tracer, last.s, last.displacement, last.slope, stable=last.stable)
     growth = _first_growth(tracer, first.volume)
-    for here in islice(rising(tracer, first, growth), _BY_VOLUME):
+    for here in rising(tracer, first, growth):
         s = np.cbrt(here.pressure)
         if s > beyond:
             try:
@@ -54,7 +53,7 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
 def rising(tracer: Tracer, here: Point, growth: float) -> Iterator[Point]:
     """Points of a branch by volumes that grow, by a share at first, as long as it is sound.
 
-    They end where shorter steps do not lead on.
+    They end where shorter steps do not lead on, or with the fortieth.
 
     Raises
     ------
@@ -62,7 +61,7 @@ def rising(tracer: Tracer, here: Point, growth: float) -> Iterator[Point]:
         At the limit pressure, or where the law loses ellipticity.
     """
     points = [here]
-    while growth >= LEAST_GROWTH:
+    while growth >= LEAST_GROWTH and len(points) <= _BY_VOLUME:
         here = points[-1]
         try:
             point = _at_volume(tracer, here, here.volume + growth * abs(here.volume))

@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.fem.tracing.by_volume import LEAST_GROWTH, ahead_of, point_at, rising
-from bulgefit.fem.tracing.ends import lost_at
+from bulgefit.fem.tracing.ends import given_up, lost_at
 from bulgefit.fem.tracing.levels import Level, Tracer
 
 __all__ = ["check_ellipticity", "sound_up_to"]
 
 Floats = NDArray[np.float64]
+
+#: How often a branch is taken up again from where no volume leads on.
+_TIMES = 10
 
 
 def check_ellipticity(tracer: Tracer) -> None:
@@ -52,10 +55,10 @@ def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats
     Raises
     ------
     StoppedError
-        Where it is not.
+        Where it is not, or was not followed so far.
     """
     s, shape, slope, stable = below.s, below.displacement, below.slope, below.stable
-    while s < top:
+    for _ in range(_TIMES):
         here = first = point_at(tracer, s, shape, slope, stable=stable)
         grown = (top - s) * tracer.membrane.volume_change(shape, slope)
         growth = max(0.5 * grown / abs(first.volume), LEAST_GROWTH)
@@ -65,4 +68,6 @@ def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats
                 return s, here.displacement
         s, shape, slope = ahead_of(tracer, here)
         stable = here.stable
-    return s, shape
+        if s >= top:
+            return s, shape
+    raise given_up(tracer, tracer.failure, s)
