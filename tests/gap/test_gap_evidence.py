@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,9 @@ class Known:
     def along(self, x: np.ndarray, column: int, near: Any = None) -> tuple[float, float]:
         here = self.linearise(x, np.array([column]))
         return float(here.gradient[0]), float(here.hessian[0, 0])
+
+    def remembering(self) -> AbstractContextManager[None]:
+        return nullcontext()
 
     def lighter(self, near: Any) -> Any:
         return near

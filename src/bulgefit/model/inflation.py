@@ -8,7 +8,8 @@ mostly one factorisation a frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -73,6 +74,24 @@ class Shapes:
     error: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What was found of a frame of a description, from a guess (n, 3)."""
+
+    given: Description
+    guess: Floats
+    balance: Equilibrium
+
+    def serves(self, given: Description, frame: int, guess: Floats) -> bool:
+        """Whether the same would be found, to the last bit, of another description and guess."""
+        return (
+            self.given.law_parameters == given.law_parameters
+            and self.given.lies_as(given)
+            and self.given.load.balanced[frame] == given.load.balanced[frame]
+            and np.array_equal(self.guess, guess)
+        )
+
+
 @dataclass(eq=False)
 class Inflation:
     """The membranes of one clamp radius and thickness; tests that are alike may share it.
@@ -95,6 +114,7 @@ class Inflation:
     mesh: Mesh = field(init=False)
     _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
     _path: tuple[object, Description, Path] | None = field(init=False, default=None, repr=False)
+    _found: dict[int, _Found] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.mesh = self.setup.mesh or ellipse(self.radius, self.ellipticity, self.setup.refine)
@@ -120,7 +140,7 @@ class Inflation:
 
     def __getstate__(self) -> dict[str, object]:
         # what is as soon made as sent is made again
-        return {**self.__dict__, "_like": {}, "_path": None}
+        return {**self.__dict__, "_like": {}, "_path": None, "_found": None}
 
     def membrane(self, given: Description, beside: Membrane | None = None) -> Membrane:
         """The membrane of a description, sharing the linear solver with those alike.
@@ -142,6 +162,19 @@ class Inflation:
         )
         self._like.setdefault(slips, made)
         return made
+
+    @contextmanager
+    def remembering(self) -> Iterator[None]:
+        """Balance no frame twice from one guess within the block: 3.5 MB are kept of each.
+
+        As where the same shape is differentiated by other parameters, which are absent in it.
+        """
+        outer = self._found
+        self._found = {} if outer is None else outer
+        try:
+            yield
+        finally:
+            self._found = outer
 
     def path(self, given: Description, values: Mapping[str, float], sensitivities: bool) -> Path:
         """The path of a specimen up to the highest pressure of all; the last one is kept.
@@ -270,10 +303,16 @@ class Inflation:
                     membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values,
                     loose=loose,
                 )  # fmt: skip
-            own = _of_frame(membrane, given, frame)
-            balance = _solved(
-                own, guesses[frame], pressure[frame], given.stiffness, values, loose=loose
-            )
+            known = None if self._found is None else self._found.get(frame)
+            if known is not None and known.serves(given, frame, guesses[frame]):
+                balance = known.balance
+            else:
+                balance = _solved(
+                    _of_frame(membrane, given, frame), guesses[frame], pressure[frame],
+                    given.stiffness, values, loose=loose,
+                )  # fmt: skip
+            if self._found is not None:
+                self._found[frame] = _Found(given, guesses[frame], balance)
             if changes:
                 try:
                     forces.fields(balance, frame, fields[:, frame])

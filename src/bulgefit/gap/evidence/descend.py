@@ -235,13 +235,14 @@ def _other_side(problem: Problem, layout: Layout, found: Fit, until: _Until) -> 
     """
     here = found.here
     least = _misfit(problem, here) * until.least(here.columns)
-    for at in idle(layout, here.x, found.model):
-        x, taken = best_side(problem, layout, here.x, at, here.near)
-        if taken > least:
-            try:
-                return problem.linearise(x, here.columns, here.near)
-            except SolveError:
-                continue
+    with problem.remembering():
+        for at in idle(layout, here.x, found.model):
+            x, taken = best_side(problem, layout, here.x, at, here.near)
+            if taken > least:
+                try:
+                    return problem.linearise(x, here.columns, here.near)
+                except SolveError:
+                    continue
     return None
 
 

@@ -27,7 +27,12 @@ TRIES = 3
 
 
 def improved(
-    search: Search[Any], fit: Fit, fewer: int | None = None, *, to_noise: bool = False
+    search: Search[Any],
+    fit: Fit,
+    fewer: int | None = None,
+    *,
+    to_noise: bool = False,
+    keep: Owned | None = None,
 ) -> Fit:
     """A fit from which no drop, growth, addition or swap that was tried raises the evidence.
 
@@ -43,6 +48,8 @@ def improved(
         spectral").
     to_noise : bool
         The better one is one that leaves the noise alone, whatever the best one leaves.
+    keep : Owned, optional
+        By models that have this group alone, in one of its forms.
     """
     noise = search.problem.noise if to_noise else np.inf
     while fewer is None or len(fit.model) < fewer or fit is search.best:
@@ -51,7 +58,8 @@ def improved(
         ahead = fewer - len(fit.model) if fewer is not None else None
         if fit is search.best and not to_noise:
             ahead = None
-        better = _thinned(search, fit, around) or _changed(search, fit, around, ahead, noise)
+        better = _thinned(search, fit, around, keep)
+        better = better or _changed(search, fit, around, ahead, noise, keep)
         better = better or _renewed(search, fit, around)
         if better is None:
             break
@@ -103,6 +111,7 @@ def _changed(
     around: Linearised,
     changes: int | None = None,
     goal: float = np.inf,
+    keep: Owned | None = None,
 ) -> Fit | None:
     """With the change that raises the evidence, of those that are forecast to do so most.
 
@@ -114,6 +123,8 @@ def _changed(
     here = forecast_of(fit.model)
     options = []
     for model in neighbours(search.layout, search.names, fit.model):
+        if keep is not None and keep not in dict(model):
+            continue
         if (known := search.fits.get(model)) is not None:
             if known.score < fit.score:
                 return known

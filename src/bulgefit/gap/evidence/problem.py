@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -185,6 +186,10 @@ class Problem(Protocol):
         SolveError
             Nothing balances there.
         """
+        ...
+
+    def remembering(self) -> AbstractContextManager[None]:
+        """A block in which points that differ in what means nothing there cost one solve."""
         ...
 
     def lighter(self, near: Any) -> Any:

@@ -140,13 +140,14 @@ class Search(Generic[Kind]):
             if same and np.array_equal(of.x, fit.x):
                 return around
         whole, x = self.layout.whole(self.names), fit.x
-        for _, at in self.layout.turning(whole - self._of(fit.model)):
-            x, _ = best_side(self.problem, self.layout, x, at, fit.here.near)
         columns = self.layout.columns(whole)
-        if x is fit.x and np.array_equal(columns, fit.here.columns):
-            return fit.here
-        self.looked.clear()  # with all fields free one is as much memory as all else
-        found = self.problem.linearise(x, columns, fit.here.near).light()
+        with self.problem.remembering():
+            for _, at in self.layout.turning(whole - self._of(fit.model)):
+                x, _ = best_side(self.problem, self.layout, x, at, fit.here.near)
+            if x is fit.x and np.array_equal(columns, fit.here.columns):
+                return fit.here
+            self.looked.clear()  # with all fields free one is as much memory as all else
+            found = self.problem.linearise(x, columns, fit.here.near).light()
         found = replace(found, near=self.problem.rounded(found.near))
         self.looked.append((self.problem, self.names, fit, found))
         return found

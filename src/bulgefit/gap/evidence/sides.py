@@ -45,6 +45,7 @@ def best_side(
             return 0.0
         return max(slope, 0.0) ** 2 / curvature if curvature > 0.0 else 0.0
 
-    found = [(taken(side), side) for side in layout.sides(x, at)]
+    with problem.remembering():
+        found = [(taken(side), side) for side in layout.sides(x, at)]
     most, side = max(found, key=lambda f: f[0])
     return side, most

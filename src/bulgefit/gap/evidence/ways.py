@@ -109,19 +109,23 @@ class Ways(Generic[Kind]):
             named.problem.linearise(self.start, none, self.near)
 
     def from_fields(self) -> None:
-        """Groups are added to each field of the best model alone, fewer than that one has.
+        """Effects are added to each field of the best model alone, fewer than that one has.
 
         Several effects may stand for what is a field's; beside it they are no worse than before,
-        and far from where they can be let go.
+        and far from where they can be let go. Without it they lead where they led from below.
         """
         best = self.search.best
         origin = self.start if self.origin is None else self.origin
-        rough = replace(self.search, roughly=True, share=GROWN)
         for name, form in sorted(best.model):
             if name in self.fields and len(best.model) > 1:
-                alone = rough.fit(freeze({name: form}), origin)
+                names = tuple(n for n in self.search.names if n == name or n not in self.fields)
+                beside = replace(
+                    self.search, roughly=True, share=GROWN, names=names,
+                    renewed=set(self.search.renewed),
+                )  # fmt: skip
+                alone = beside.fit(freeze({name: form}), origin)
                 if alone is not None:
-                    improved(rough, alone, len(best.model) - 1)
+                    improved(beside, alone, len(best.model) - 1, keep=name)
 
     def with_fields(self, *, thorough: bool = False) -> Fit | None:
         """Everything is freed from the origin; if that is a trap, with the fields freed last.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -176,6 +177,14 @@ class Weighing:
         if not np.isfinite(gram).all():
             raise _no_shape("the fabric has no derivatives", found.shapes.values)
         return found.shapes, white, gram
+
+    @contextmanager
+    def remembering(self) -> Iterator[None]:
+        """See `Problem`."""
+        with ExitStack() as stack:
+            for d in self.data:
+                stack.enter_context(d.specimen.inflation.remembering())
+            yield
 
     def lighter(self, near: Sequence[Shapes]) -> list[Shapes]:
         """See `Problem`: shapes without derivatives, half a megabyte each."""
