@@ -282,7 +282,12 @@ MUTANTS = (
     Mutant(
         "gap/evidence/coordinates.py", "{**self.known, **own}", "own", "gap/test_gap_weighing.py"
     ),
-    Mutant("fem/tracing/sound.py", "if s >= top:", "if s < top:", "fem/test_path.py"),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "if reached >= end:",
+        "if reached < end:",
+        "fem/test_robustness.py",
+    ),
     Mutant(
         "effects/fields/slip_field.py",
         "1: range(13)",

@@ -255,9 +255,13 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
             return []
     above = None
     for p in (error.pressure, *(error.pressure * 10.0 ** np.arange(3, -1, -1))):
-        # from the pressure itself, else led down to it from where cloth is taut
+        # from the pressure itself, else led down to it, or as near as that goes, from where cloth
+        # is taut
         guess = flat_guess(membrane, p, stiffness) if above is None else above
-        above = _balanced(membrane, stiffness, p, (guess,))
+        found = _balanced(membrane, stiffness, p, (guess,))
+        if found is None and above is not None:
+            break
+        above = found
         if above is not None and p == error.pressure:
             break
     if above is None or membrane.acoustic_margin(above, stiffness) >= 0.0:

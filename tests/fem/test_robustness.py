@@ -84,6 +84,18 @@ def test_a_branch_is_not_followed_over_a_fold(benchmark: ModuleType) -> None:
     assert caught.value.reached == pytest.approx(0.075642, rel=1e-4)
 
 
+def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> None:
+    """A step by volume came to one at 0.08247 bar, and a path to 0.0816 bar ended in it."""
+    case = benchmark.draw(69, 1734)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness, (1e-4, 0.00816412))
+    assert path.stable.all()
+    assert path.pressure[-1] >= 0.00816412
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.reached == pytest.approx(0.0082466, rel=1e-4)
+
+
 def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:
     """At 1.1507 bar a wrinkle comes, and ∂u/∂p becomes ten times what it was."""
     case = benchmark.draw(70, 118)

@@ -158,7 +158,7 @@ class Attempt:
             self.search.fits[best.model] = best.lighter(search.problem)
             best = found or best
         improved(search, best)
-        closely(search, self.ways.named)
+        closely(search, without_each=False)  # its sizes and what it misses by are told anew
         return self._by(search)
 
     def settled(self) -> Attempt:

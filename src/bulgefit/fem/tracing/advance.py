@@ -69,7 +69,7 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
         if tracer.creeps:
             return (tracer.levels[-1].s - last) / step
     try:
-        go_by_volume(tracer, last + min(_SHORTER) * step, failure)
+        go_by_volume(tracer, last + min(_SHORTER) * step, end, failure)
     except StoppedError as stopped:
         if stopped.cause is not Cause.NOT_CONVERGED:
             raise

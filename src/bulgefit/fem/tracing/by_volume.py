@@ -24,8 +24,8 @@ _GROWTH, LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-6, 0.2
 _BY_VOLUME = 40
 
 
-def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
-    """Add a level beyond an s, reached by growing volumes.
+def go_by_volume(tracer: Tracer, beyond: float, end: float, failure: NewtonError) -> None:
+    """Add a level beyond an s, reached by growing volumes; what comes after the end is none of it.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
     last = tracer.levels[-1]
     here = first = point_at(tracer, last.s, last.displacement, last.slope, stable=last.stable)
     growth = _first_growth(tracer, first.volume)
-    for here in rising(tracer, first, growth):
+    for here in rising(tracer, first, growth, end):
         s = np.cbrt(here.pressure)
         if s > beyond:
             try:
@@ -50,10 +50,10 @@ def go_by_volume(tracer: Tracer, beyond: float, failure: NewtonError) -> None:
     raise given_up(tracer, failure, last.s)
 
 
-def rising(tracer: Tracer, here: Point, growth: float) -> Iterator[Point]:
+def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[Point]:
     """Points of a branch by volumes that grow, by a share at first, as long as it is sound.
 
-    They end where shorter steps do not lead on, or with the fortieth.
+    They end where shorter steps do not lead on, with the fortieth, or beyond the s = `end`.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def rising(tracer: Tracer, here: Point, growth: float) -> Iterator[Point]:
         # falling pressure, or one that has been higher still
         falls = point.pressure < here.pressure or point.rate <= 0.0
         if not _is_sound(tracer, point):
-            near = _past_turn(tracer, here, point, falls=falls)
+            near = _past_turn(tracer, here, point, end, falls=falls)
             falls, point = (True, point) if near is None else (False, near)
         points.append(point)
         if falls:
@@ -161,10 +161,13 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     return point
 
 
-def _past_turn(tracer: Tracer, here: Point, point: Point, *, falls: bool) -> Point | None:
+def _past_turn(
+    tracer: Tracer, here: Point, point: Point, end: float, *, falls: bool
+) -> Point | None:
     """The sound point at the volume of one that is not, if the branch leads there from near by.
 
-    None where pressure falls, and the branch was unstable before: it has passed its limit pressure.
+    Or the last sound one, where that lies beyond the s = `end`. None where
+    pressure falls, and the branch was unstable before: it has passed its limit pressure.
 
     Raises
     ------
@@ -180,6 +183,8 @@ def _past_turn(tracer: Tracer, here: Point, point: Point, *, falls: bool) -> Poi
         return None
     # of what lies behind the shape may be another branch's, of any pressure
     reached = float(np.cbrt(low.pressure))
+    if reached >= end:
+        return low
     raise lost_at(tracer, reached * (1.0 + BRACKET), reached, low.displacement)
 
 

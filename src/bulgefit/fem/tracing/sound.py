@@ -62,7 +62,7 @@ def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats
         here = first = point_at(tracer, s, shape, slope, stable=stable)
         grown = (top - s) * tracer.membrane.volume_change(shape, slope)
         growth = max(0.5 * grown / abs(first.volume), LEAST_GROWTH)
-        for here in rising(tracer, first, growth):
+        for here in rising(tracer, first, growth, top):
             s = float(np.cbrt(here.pressure))
             if s >= top:
                 return s, here.displacement

@@ -21,7 +21,9 @@ __all__ = ["closely"]
 Kind = TypeVar("Kind", bound=Problem)
 
 
-def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> None:
+def closely(
+    search: Search[Kind], instead: Collection[Owned] | None = None, *, without_each: bool = True
+) -> None:
     """The best model as near as can be, and what raises the evidence from there.
 
     Forecasts from a rough fit see to the bottom of a valley that is straight: parameters that are
@@ -32,6 +34,8 @@ def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> N
     search : Search
     instead : collection of Owned, optional
         Groups that are tried in the place of one that is gone; default: all.
+    without_each : bool
+        Fit it without each of its groups as well.
     """
     problem, layout = search.problem, search.layout
     close = replace(search, roughly=False)
@@ -42,7 +46,7 @@ def closely(search: Search[Kind], instead: Collection[Owned] | None = None) -> N
         search.fits[best.model] = found
         if search.best is found:
             improved(close, found)
-        if search.best is found:
+        if without_each and search.best is found:
             own = {*(search.names if instead is None else instead), *dict(best.model)}
             names = tuple(n for n in search.names if n in own)
             rough = replace(search, roughly=True, share=GROWN, names=names, looked=[])

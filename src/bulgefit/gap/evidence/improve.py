@@ -53,13 +53,15 @@ def improved(
     """
     noise = search.problem.noise if to_noise else np.inf
     while fewer is None or len(fit.model) < fewer or fit is search.best:
+        if (less := _thinned(search, fit, keep)) is not None:
+            fit = less
+            continue
         if (around := search.seen_around(fit)) is None:
             break
         ahead = fewer - len(fit.model) if fewer is not None else None
         if fit is search.best and not to_noise:
             ahead = None
-        better = _thinned(search, fit, around, keep)
-        better = better or _changed(search, fit, around, ahead, noise, keep)
+        better = _changed(search, fit, around, ahead, noise, keep)
         better = better or _renewed(search, fit, around)
         if better is None:
             break
@@ -69,34 +71,30 @@ def improved(
 
 def promise(search: Search[Any], fit: Fit) -> float:
     """Score of what is left when all is taken out that the forecast can do without."""
-    around = search.seen_around(fit)
-    return fit.score if around is None else _path(search, fit.model, around)[1]
+    return _path(search, fit)[1]
 
 
-def _thinned(
-    search: Search[Any], fit: Fit, around: Linearised, keep: Owned | None = None
-) -> Fit | None:
+def _thinned(search: Search[Any], fit: Fit, keep: Owned | None = None) -> Fit | None:
     """With all that the forecast can do without taken out; with less if that was wrong.
 
-    But for a group that is to be kept in one of its forms.
+    But for a group that is to be kept in one of its forms. The fit's own coordinates tell that: it
+    is looked around in, which costs a solve, where nothing is to go.
     """
-    path = _path(search, fit.model, around, keep)[0]
+    path = _path(search, fit, keep)[0]
     reach = len(path) - 1
     while reach > 0:
-        found = search.refit(path[reach], around, fit)
+        found = search.refit(path[reach], fit.here, fit)
         if found is not None and found.score < fit.score:
             return found
         reach //= 2
     return None
 
 
-def _path(
-    search: Search[Any], model: Model, around: Linearised, keep: Owned | None = None
-) -> tuple[list[Model], float]:
+def _path(search: Search[Any], fit: Fit, keep: Owned | None = None) -> tuple[list[Model], float]:
     """Ever smaller models, as long as the forecast evidence rises, and that of the last."""
-    path = [model]
+    path = [fit.model]
     while True:
-        forecast = search.forecasts(around, path[-1])
+        forecast = search.forecasts(fit.here, path[-1])
         score = forecast(path[-1])
         less = smaller(search.layout, path[-1])
         options = [(forecast(m), m) for m in less if keep is None or keep in dict(m)]
@@ -242,5 +240,4 @@ def _uncovered(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
 
 def _rid(search: Search[Any], fit: Fit, keep: Owned | None = None) -> Fit:
     """A fit, or the better one that is rid of what it does not need."""
-    around = search.seen_around(fit)
-    return (None if around is None else _thinned(search, fit, around, keep)) or fit
+    return _thinned(search, fit, keep) or fit
