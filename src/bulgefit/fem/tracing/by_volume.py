@@ -81,20 +81,6 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
         growth = min(1.5 * growth, _MOST_GROWTH)
 
 
-def _may_fold(here: Point, point: Point) -> bool:
-    """Whether between two points that rise the branch may have gone down and up again.
-
-    There the least stiffness goes through zero, and ∂u/∂p = K⁻¹f through infinity as its inverse. A
-    step that halves the stiffness is as long as the way that is left to zero; so is one from there.
-    Over a kink, where a wrinkle comes or goes, ∂u/∂p changes by any factor, but however short the
-    step: so the shortest ones tell a kink.
-    """
-    if point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume):
-        return False
-    moves = sorted(float(np.abs(one.slope).max()) / one.rate for one in (here, point))
-    return 0.0 < 2.0 * moves[0] < moves[1]
-
-
 def ahead_of(tracer: Tracer, point: Point) -> tuple[float, Floats, Floats]:
     """The next s near by at which there is a sound shape where no volume leads on, and its slope.
 
@@ -161,13 +147,27 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     return point
 
 
+def _may_fold(here: Point, point: Point) -> bool:
+    """Whether between two points that rise the branch may have gone down and up again.
+
+    There the least stiffness goes through zero, and ∂u/∂p = K⁻¹f through infinity as its inverse. A
+    step that halves the stiffness is as long as the way that is left to zero; so is one from there.
+    Over a kink, where a wrinkle comes or goes, ∂u/∂p changes by any factor, but however short the
+    step: so the shortest ones tell a kink.
+    """
+    if point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume):
+        return False
+    moves = sorted(float(np.abs(one.slope).max()) / one.rate for one in (here, point))
+    return 0.0 < 2.0 * moves[0] < moves[1]
+
+
 def _past_turn(
     tracer: Tracer, here: Point, point: Point, end: float, *, falls: bool
 ) -> Point | None:
     """The sound point at the volume of one that is not, if the branch leads there from near by.
 
-    Or the last sound one, where that lies beyond the s = `end`. None where
-    pressure falls, and the branch was unstable before: it has passed its limit pressure.
+    Or the last sound one, where that lies beyond the s = `end`. None where pressure falls, and the
+    branch was unstable before: it has passed its limit pressure.
 
     Raises
     ------

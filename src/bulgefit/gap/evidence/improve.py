@@ -49,7 +49,7 @@ def improved(
     to_noise : bool
         The better one is one that leaves the noise alone, whatever the best one leaves.
     keep : Owned, optional
-        By models that have this group alone, in one of its forms.
+        Only by models that have this group, in one of its forms.
     """
     noise = search.problem.noise if to_noise else np.inf
     while fewer is None or len(fit.model) < fewer or fit is search.best:
