@@ -96,6 +96,17 @@ def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> N
     assert caught.value.reached == pytest.approx(0.0082466, rel=1e-4)
 
 
+def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
+    """Beyond a fork it was taken for stable, by the tangent of a shape near by, and the loss at
+    0.667 bar was told at 0.676 bar."""
+    case = benchmark.draw(69, 3880)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.reached == pytest.approx(0.06667, rel=3e-4)
+    assert not benchmark.doubts(membrane, stiffness, caught.value, beyond=False)
+
+
 def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:
     """At 1.1507 bar a wrinkle comes, and ∂u/∂p becomes ten times what it was."""
     case = benchmark.draw(70, 118)

@@ -319,7 +319,7 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
         else:
             share = advance(tracer, step, end)
         if tracer.elliptic:
-            check_ellipticity(tracer)
+            check_ellipticity(tracer, ended=tracer.levels[-1].s >= end * (1 - 1e-12))
         if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
             fill(tracer, _CLOSEST * end, (_MANY, _MOST))
         error = tracer.error(len(tracer.levels) - 2, aim)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError, solve
 from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
-from bulgefit.fem.linear import Factor
+from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 
@@ -30,7 +30,10 @@ _TINY = np.finfo(float).tiny
 
 @dataclass(eq=False)
 class Level:
-    """A solved level: what the path keeps of an equilibrium, and its factor for a while."""
+    """A solved level: what the path keeps of an equilibrium, and its factor for a while.
+
+    Whether it is `stable` the tangent says that it was balanced with: its own where it is `exact`.
+    """
 
     s: float
     displacement: Floats
@@ -38,6 +41,7 @@ class Level:
     sensitivity: tuple[Floats, Floats] | None
     wrinkled: int
     stable: bool
+    exact: bool
     factor: Factor | None
 
 
@@ -110,6 +114,22 @@ class Tracer:
         """Whether a level is stable, or the law elliptic, where that matters."""
         return not self.elliptic or level.stable or self.is_elliptic(level.displacement)
 
+    def look_again(self, level: Level) -> None:
+        """Tell whether a level is stable by its own tangent.
+
+        Another shape's does not tell where a path forks into shapes that no longer mirror: these
+        take no part in the balance of those that do.
+        """
+        if level.exact:
+            return
+        self.work += 1
+        state = self.membrane.state(level.displacement, level.s**3, self.stiffness)
+        try:
+            self.membrane.factorise(state, spent=True)
+        except NotPositiveDefiniteError:
+            level.stable = False
+        level.exact = True
+
     def sound_from(self, guess: Floats, s: float) -> tuple[Floats, Floats] | None:
         """The shape balanced from a guess, and its ∂u/∂s, where it is stable or the law elliptic.
 
@@ -172,6 +192,7 @@ class Tracer:
             sensitivity,
             balance.wrinkled,
             balance.stable,
+            balance.exact,
             balance.factor,
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)

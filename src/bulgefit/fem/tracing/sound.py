@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 _TIMES = 10
 
 
-def check_ellipticity(tracer: Tracer) -> None:
+def check_ellipticity(tracer: Tracer, *, ended: bool) -> None:
     """Stop a path that is unstable because the law has lost ellipticity.
 
     A mesh may hold back the bands of shear that a point no longer resists: as long as the tangent
@@ -25,15 +25,29 @@ def check_ellipticity(tracer: Tracer) -> None:
     long step may also have led past that shape, to an unstable one of another branch: where the
     path is sound all the way up to it, the level is the sound one.
 
+    Where a level is not sound, or the law not elliptic at the last one of a path that has `ended`,
+    levels below it are looked at again by their own tangents.
+
     Raises
     ------
     StoppedError
         With the pressure at which the path is both unstable and not elliptic.
     """
     levels = tracer.levels
-    if tracer.is_sound(levels[-1]):
+    if ended and not tracer.is_elliptic(levels[-1].displacement):
+        for level in levels:
+            tracer.look_again(level)
+    elif tracer.is_sound(levels[-1]):
         return
-    first = [tracer.is_sound(level) for level in levels].index(False)
+    sound = [tracer.is_sound(level) for level in levels]
+    if all(sound):
+        return
+    first = sound.index(False)
+    while first > 0:
+        tracer.look_again(levels[first - 1])
+        if tracer.is_sound(levels[first - 1]):
+            break
+        first -= 1
     if first == 0:
         raise lost_at(tracer, levels[0].s, 0.0)
     s, shape = sound_up_to(tracer, levels[first - 1], levels[first].s)
