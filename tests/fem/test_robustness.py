@@ -15,6 +15,9 @@ from bulgefit.fem.equilibrium import solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
+from bulgefit.fem.tracing.ends import StoppedError
+from bulgefit.fem.tracing.levels import Tracer
+from bulgefit.fem.tracing.sound import check_ellipticity
 
 
 @pytest.fixture
@@ -105,6 +108,24 @@ def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
         trace(membrane, stiffness)
     assert caught.value.reached == pytest.approx(0.06667, rel=3e-4)
     assert not benchmark.doubts(membrane, stiffness, caught.value, beyond=False)
+
+
+def test_the_end_of_a_path_is_looked_at_by_its_own_tangent(benchmark: ModuleType) -> None:
+    """Where another shape's tangent had taken its last level, beyond a fork, for stable."""
+    case = benchmark.draw(69, 3880)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    tracer = Tracer(membrane, stiffness, 1e-3, sensitivities=False, elliptic=True)
+    below = trace(membrane, stiffness, (1e-4, 0.06))
+    shape = below.displacement[-1]
+    for p in np.linspace(0.06, 0.068, 5):
+        tracer.solve(float(np.cbrt(p)), shape, follow=True, rough=True)
+        shape = tracer.levels[-1].displacement
+    tracer.levels[-1].stable, tracer.levels[-1].exact = True, False
+    check_ellipticity(tracer, ended=False)
+    with pytest.raises(StoppedError) as caught:
+        check_ellipticity(tracer, ended=True)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached**3 == pytest.approx(0.06667, rel=3e-4)
 
 
 def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:

@@ -9,7 +9,6 @@ from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.hermite import STENCIL
 from bulgefit.fem.tracing.advance import PATIENCE
 from bulgefit.fem.tracing.levels import Level, Tracer
-from bulgefit.fem.tracing.sound import sound_up_to
 
 __all__ = ["AIM", "fill"]
 
@@ -63,7 +62,6 @@ def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
     if not (tracer.between_by_descent and _may_descend(tracer, low, high)):
         try:
             tracer.solve(s, tracer.interpolate(s), follow=True)
-            _look_below(tracer, low, high)
             return
         except NewtonError:
             if not _may_descend(tracer, low, high):
@@ -71,28 +69,6 @@ def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
     tracer.solve(s, high.displacement, follow=False, patient=True)
     tracer.between_by_descent = True
     _check_between(tracer, low, high)
-
-
-def _look_below(tracer: Tracer, low: Level, high: Level) -> None:
-    """Follow the path up from the level below where the one between is not sound.
-
-    The dense output may have led to an unstable shape of another branch; or the path loses its
-    stability, and what is above is another one.
-
-    Raises
-    ------
-    NewtonError
-    StoppedError
-    """
-    at = tracer.levels.index(low) + 1
-    between = tracer.levels[at]
-    if tracer.is_sound(between):
-        return
-    del tracer.levels[at]
-    s, shape = sound_up_to(tracer, low, between.s)
-    if not s < high.s:
-        raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
-    tracer.solve(s, shape, follow=True, rough=True)
 
 
 def _may_descend(tracer: Tracer, low: Level, high: Level) -> bool:

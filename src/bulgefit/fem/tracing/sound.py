@@ -37,8 +37,6 @@ def check_ellipticity(tracer: Tracer, *, ended: bool) -> None:
     if ended and not tracer.is_elliptic(levels[-1].displacement):
         for level in levels:
             tracer.look_again(level)
-    elif tracer.is_sound(levels[-1]):
-        return
     sound = [tracer.is_sound(level) for level in levels]
     if all(sound):
         return
