@@ -484,7 +484,7 @@ MUTANTS = (
         "fem/tracing/by_volume.py",
         "0.0 < 2.0 * moves[0] < moves[1]",
         "0.0 < 200.0 * moves[0] < moves[1]",
-        "fem/test_robustness.py",
+        "fem/test_path.py",
     ),
     Mutant(
         "fem/tracing/by_volume.py",

@@ -26,7 +26,7 @@ def check_ellipticity(tracer: Tracer, *, ended: bool) -> None:
     path is sound all the way up to it, the level is the sound one.
 
     Where a level is not sound, or the law not elliptic at the last one of a path that has `ended`,
-    levels below it are looked at again by their own tangents.
+    those below it are looked at again by their own tangents, levels between others among them.
 
     Raises
     ------
