@@ -493,6 +493,18 @@ MUTANTS = (
         "fem/test_robustness.py",
     ),
     Mutant(
+        "model/inflation.py",
+        "and np.array_equal(self.guess, guess)",
+        "or np.array_equal(self.guess, guess)",
+        "model/test_model_neighbours.py",
+    ),
+    Mutant(
+        "gap/evidence/ways.py",
+        "len(best.model) - 1, keep=name)",
+        "len(best.model) - 1)",
+        "gap/test_gap_evidence.py",
+    ),
+    Mutant(
         "fitting/problem.py",
         "self._weight_of_priors(value) * self.pull",
         "0.0 * self.pull",

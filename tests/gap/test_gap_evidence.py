@@ -950,6 +950,20 @@ def test_several_effects_that_stand_for_a_field_are_let_go():
     assert search.best.model == freeze({"f": 0})
 
 
+def test_a_way_from_a_field_keeps_it():
+    """What is in its place leads where it led from below."""
+    rng = np.random.default_rng(16)
+    rows = rng.normal(size=(60, 4))
+    rows[:, 0] = rows[:, 1] + 0.5 * rows[:, 0]  # what the field does like the first effect
+    measured = rows @ [0.0, 10.0, 1.0, 0.0] + rng.normal(size=60)
+    groups = [group("f", [30.0]), *(group(f"n{i}", [30.0]) for i in range(3))]
+    search = searched(linear(groups, rows, measured))
+    assert search.fit(search.layout.whole(), np.zeros(4)) is not None
+    Ways(search, np.zeros(4), fields=(owned("f"),)).from_fields()
+    assert freeze({"f": 0, "n0": 0}) in search.fits
+    assert all("f" in {name.effect for name, _ in model} for model in search.fits)
+
+
 def test_no_equilibrium_is_lost_on_the_way():
     """Two coordinates that only differ far out, where nothing balances, stay within it."""
     rng = np.random.default_rng(8)

@@ -56,6 +56,36 @@ def test_what_is_not_named_stands_at_its_null(
     np.testing.assert_allclose(found.displacement, afresh.displacement, atol=1e-7)
 
 
+def test_a_shape_is_found_once_whatever_it_is_differentiated_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From all sides of a lift that is none: to the last bit as it is found each time."""
+    from bulgefit.model import inflation
+
+    virtual, solved = plain(), []
+    solve = inflation.solve
+
+    def counted(*args, **more):  # type: ignore[no-untyped-def]
+        solved.append(args[2])
+        return solve(*args, **more)
+
+    near = virtual.shapes({**MODULI, "prestrain.slack_x": 2e-5})
+    sides = [{**near.values, "rim_lift.direction": angle} for angle in (0.0, 90.0, 180.0)]
+    each = [virtual.shapes(side, ["rim_lift.amplitude"], near) for side in sides]
+    monkeypatch.setattr(inflation, "solve", counted)
+    with virtual.inflation.remembering():
+        found = [virtual.shapes(side, ["rim_lift.amplitude"], near) for side in sides]
+        assert solved == [0.1, 0.2]
+        for one, other in zip(found, each, strict=True):
+            np.testing.assert_array_equal(one.displacement, other.displacement)
+            by, otherwise = one.derivative, other.derivative
+            np.testing.assert_array_equal(by["rim_lift.amplitude"], otherwise["rim_lift.amplitude"])
+        virtual.shapes({**sides[0], "E1": 321.0}, near=near)
+        assert len(solved) == 4
+    virtual.shapes(sides[0], near=near)
+    assert len(solved) == 6
+
+
 def test_a_shape_without_derivatives_is_an_error_with_its_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
