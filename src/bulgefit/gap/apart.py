@@ -138,5 +138,7 @@ def refitted(
     by less than a per cent of the misfit is no other figure in a budget of whole per cents.
     """
     with suppress(SolveError, InputError):
-        return descend(weighing, layout, model, x, near, roughly=True, share=_TOLD)
+        found = descend(weighing, layout, model, x, near, roughly=True, share=_TOLD)
+        # a journal keeps it, and the next smaller one starts from it
+        return found.rounded(weighing)
     return None
