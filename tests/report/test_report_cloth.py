@@ -175,7 +175,8 @@ def test_an_effect_of_several_tests_is_told_once(family):
         "indistinguishable": [{"effects": ["rigid_motion", "registration"], "cosine": 0.97}],
         "others": {"rim_lift@1": 0.2, "rim_field@0": 1e-6, "creep": 1e-7, "rim_field@1": 1e-9},
     }  # fmt: skip
-    record["report"]["candidates"] = []
+    record["report"]["candidates"] = ["specimen_factor", "clamp_slip"]
+    record["tried"][-1]["taken"] = "specimen_factor + reference_field"  # in one step
     page, terminal = words_of(record)
     for text in (" ".join(page.split()), terminal):
         assert (
@@ -184,7 +185,7 @@ def test_an_effect_of_several_tests_is_told_once(family):
         ) in text
         assert text.count("rigid_motion looks much like registration (0.97)") == 1
     assert "| rim_lift of B | 0.200 |" in page
-    assert "| rim_field of A and B, creep | below 0.001 each |" in page
+    assert "| rim_field of A and B, creep, clamp_slip | below 0.001 each |" in page
     assert "4 weighed and dropped, of which rim_lift of B is the most probable (0.200)" in page
 
 

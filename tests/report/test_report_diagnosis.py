@@ -210,7 +210,11 @@ def test_words_of_every_verdict(found):
             {"x_mm": -24.0, "y_mm": 4.0},
             "the place 'material' (relative change of stiffness: up to -0.45 at (-24, 4) mm, 0.26",
         ),
-        (Owned("rim_field", 0), {"angle_degree": 120.0}, "up to -0.45 at 120° from x"),
+        (
+            Owned("rim_field", 0),
+            {"angle_degree": 120.0},
+            "the place 'shape' of plate 1/a (",
+        ),
         (Owned("pressure_field"), {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
     ],
 )

@@ -125,5 +125,5 @@ def _tried_words(record: Record) -> str:
 
 
 def _taken(record: Record) -> list[str]:
-    """Groups of the final model."""
-    return [str(step["taken"]) for step in record["tried"]]
+    """Groups of the final model; a step may have taken several."""
+    return [group for step in record["tried"] for group in str(step["taken"]).split(" + ")]

@@ -10,7 +10,7 @@ from bulgefit.gap.evidence.probability import SURE
 from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
 from bulgefit.report.words.left import strong_cells
-from bulgefit.report.words.names import called_together
+from bulgefit.report.words.names import called_together, of_whom
 
 __all__ = ["is_unnamed", "verdict_words"]
 
@@ -43,7 +43,7 @@ def is_unnamed(record: Record) -> bool:
 
 def _left(record: Record) -> str:
     """What is left, for a verdict."""
-    places = listed([_place(f) for f in record["fields"]])
+    places = listed([_place(record, f) for f in record["fields"]])
     if places:
         return f"something that has no name sits in {places}"
     if strong_cells(record):
@@ -51,12 +51,13 @@ def _left(record: Record) -> str:
     return "a pattern is left that is no larger than the noise, but not made by it"
 
 
-def _place(found: Mapping[str, Any]) -> str:
-    """Where a field sits, and how large it is."""
+def _place(record: Record, found: Mapping[str, Any]) -> str:
+    """Where a field sits, of which test, and how large it is."""
     unit = "" if found["unit"] == "1" else f" {found['unit']}"
     return (
-        f"the place {found['place']!r} ({found['quantity']}: up to {found['largest']:+.3g}{unit} "
-        f"at {_where(found['where'])}, {found['rms']:.2g}{unit} on the whole)"
+        f"the place {found['place']!r}{of_whom(record, found)} ({found['quantity']}: "
+        f"up to {found['largest']:+.3g}{unit} at {_where(found['where'])}, "
+        f"{found['rms']:.2g}{unit} on the whole)"
     )
 
 
