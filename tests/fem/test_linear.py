@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -12,7 +13,11 @@ import pytest
 from scipy.linalg import lapack
 
 from bulgefit.fem.banded import stored_height
-from bulgefit.fem.linear import BandedFactor, has_pardiso
+from bulgefit.fem.elasticity import orthotropic_stiffness
+from bulgefit.fem.equilibrium import flat_guess
+from bulgefit.fem.linear import _IDLE, BandedFactor, has_pardiso
+from bulgefit.fem.membrane import Membrane
+from bulgefit.fem.mesh import disc
 
 EXAMPLE = Path(__file__).parents[2] / "data" / "example_bulge.npz"
 
@@ -37,6 +42,22 @@ def test_banded_substitution(size: int, height: int, columns: int | None) -> Non
     kept = right.copy()
     np.testing.assert_allclose(full @ BandedFactor(factor).solve(right), right, atol=1e-12)
     np.testing.assert_array_equal(right, kept)
+
+
+def test_memory_of_factors_that_are_gone_is_used_again_but_not_all_kept() -> None:
+    """Twenty that were alive at once had stayed in memory for good."""
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    stiffness = orthotropic_stiffness(330.0, 240.0, 30.0, 0.24)
+    shape = flat_guess(membrane, 0.1, stiffness)
+    factors = [membrane.factorise(membrane.state(shape, 0.1, stiffness)) for _ in range(20)]
+    laid_by = membrane.linear._idle
+    assert not laid_by
+    del factors
+    gc.collect()
+    assert len(laid_by) == _IDLE
+    kept = membrane.factorise(membrane.state(shape, 0.1, stiffness), spent=True)
+    assert len(laid_by) == _IDLE - 1
+    del kept
 
 
 @pytest.mark.skipif(not has_pardiso(), reason="pypardiso is not installed")

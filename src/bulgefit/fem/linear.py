@@ -34,6 +34,8 @@ BANDED_UP_TO = {"pardiso": 4_000, "superlu": 30_000}
 #: Bytes of a band up to which its memory is used again: fresh memory takes a tenth of the time of
 #: a small factorisation, and next to nothing of a large one.
 _REUSED_UP_TO = 2**24
+#: How many are kept for that: as many as are factorised side by side, and a path's last ones.
+_IDLE = 8
 
 _ROWS, _COLUMNS = np.tril_indices(12)
 
@@ -155,7 +157,7 @@ class BandedCholesky:
             raise NotPositiveDefiniteError(f"leading minor {info}")
         result = BandedFactor(band)
         if whole.nbytes <= _REUSED_UP_TO:
-            weakref.finalize(result, self._idle.append, whole).atexit = False
+            weakref.finalize(result, _lay_by, self._idle, whole).atexit = False
         return result
 
     def factorise_indefinite(self, data: Floats) -> Factor:
@@ -170,6 +172,12 @@ class BandedCholesky:
         if info != 0:
             raise NotPositiveDefiniteError(f"zero pivot {info}")
         return BandedLUFactor(general, pivots, below)
+
+
+def _lay_by(idle: list[Floats], whole: Floats) -> None:
+    """Keep the memory of a factor that is gone, unless enough of it lies idle."""
+    if len(idle) < _IDLE:
+        idle.append(whole)
 
 
 class BandedLUFactor:
