@@ -16,12 +16,7 @@ from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.path import Path
 from bulgefit.fem.tracing.advance import TAUTER, advance, leap
 from bulgefit.fem.tracing.between import AIM, fill
-from bulgefit.fem.tracing.ends import (
-    StoppedError,
-    given_up,
-    lost_at,
-    solve_error,
-)
+from bulgefit.fem.tracing.ends import StoppedError, given_up, lost_at, solve_error
 from bulgefit.fem.tracing.levels import BandedError, Tracer
 from bulgefit.fem.tracing.settle import settle
 from bulgefit.fem.tracing.sound import check_ellipticity
