@@ -100,8 +100,10 @@ def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> N
 
 
 def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
-    """Beyond a fork it was taken for stable, by the tangent of a shape near by, and the loss at
-    0.667 bar was told at 0.676 bar."""
+    """Beyond a fork it was taken for stable, by the tangent of a shape near by.
+
+    The loss at 0.667 bar was told at 0.676 bar.
+    """
     case = benchmark.draw(69, 3880)
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     with pytest.raises(SolveError) as caught:
@@ -126,6 +128,26 @@ def test_the_end_of_a_path_is_looked_at_by_its_own_tangent(benchmark: ModuleType
         check_ellipticity(tracer, ended=True)
     assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
     assert caught.value.reached**3 == pytest.approx(0.06667, rel=3e-4)
+
+
+def test_a_level_that_is_put_between_others_is_looked_at(
+    benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in the last interval of a path: where it is not sound, the path is followed anew."""
+    case = benchmark.draw(69, 3880)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    spoilt = list[float]()
+
+    def filled(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
+        if tracer.levels[-1].s ** 3 > 0.0659 and not spoilt:
+            tracer.levels[-2].stable = False
+            spoilt.append(tracer.levels[-2].s ** 3)
+
+    monkeypatch.setattr("bulgefit.fem.trace.fill", filled)
+    path = trace(membrane, stiffness, (1e-4, 0.066))
+    assert spoilt
+    assert path.stable.all()
+    assert path.pressure[-1] == pytest.approx(0.066, rel=1e-9)
 
 
 def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:

@@ -303,7 +303,8 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
     smallest, begun, aim = _SMALLEST_STEP * end, tracer.work, AIM * tracer.tolerance
     step = _first_step(tracer.membrane, tracer.stiffness)
-    while (s := tracer.levels[-1].s) < end * (1 - 1e-12):
+    top = end * (1 - 1e-12)
+    while (s := tracer.levels[-1].s) < top:
         # equal steps to the end rather than a short last one
         step = end - s if s + 1.01 * step >= end else min(step, 0.5 * (end - s) + 0.01 * step)
         step = max(step, _least_step(tracer, end))
@@ -314,9 +315,11 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
         else:
             share = advance(tracer, step, end)
         if tracer.elliptic:
-            check_ellipticity(tracer, ended=tracer.levels[-1].s >= end * (1 - 1e-12))
+            check_ellipticity(tracer, ended=False)
         if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
             fill(tracer, _CLOSEST * end, (_MANY, _MOST))
+        if tracer.elliptic:  # what was put between others may not be sound either
+            check_ellipticity(tracer, ended=tracer.levels[-1].s >= top)
         error = tracer.error(len(tracer.levels) - 2, aim)
         wanted = (aim / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s

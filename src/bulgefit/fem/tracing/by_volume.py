@@ -53,12 +53,12 @@ def go_by_volume(tracer: Tracer, beyond: float, end: float, failure: NewtonError
 def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[Point]:
     """Points of a branch by volumes that grow, by a share at first, as long as it is sound.
 
-    They end where shorter steps do not lead on, with the fortieth, or beyond the s = `end`.
+    They end where shorter steps do not lead on, or with the fortieth.
 
     Raises
     ------
     StoppedError
-        At the limit pressure, or where the law loses ellipticity.
+        At the limit pressure, or where the law loses ellipticity short of the s = `end`.
     """
     points = [here]
     while growth >= LEAST_GROWTH and len(points) <= _BY_VOLUME:
