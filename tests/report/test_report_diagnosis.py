@@ -213,7 +213,8 @@ def test_words_of_every_verdict(found):
         (
             Owned("rim_field", 0),
             {"angle_degree": 120.0},
-            "the place 'shape' of plate 1/a (",
+            "the place 'shape' of plate 1/a (relative change of the rim's radius: up to -0.45 at "
+            "120° from x",
         ),
         (Owned("pressure_field"), {"pressure_bar": 2.5}, "up to -0.45 bar at 2.5 bar, 0.26 bar"),
     ],

@@ -119,6 +119,7 @@ class Ways(Generic[Kind]):
         for name, form in sorted(best.model):
             if name in self.fields and len(best.model) > 1:
                 names = tuple(n for n in self.search.names if n == name or n not in self.fields)
+                # changes of more than one group are tried by all names later on
                 beside = replace(
                     self.search, roughly=True, share=GROWN, names=names,
                     renewed=set(self.search.renewed),
