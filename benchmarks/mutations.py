@@ -262,8 +262,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "if _is_sound(tracer, near)",
-        "if not _is_sound(tracer, near)",
+        "if tracer.is_sound(near)",
+        "if not tracer.is_sound(near)",
         "fem/test_path.py",
     ),
     Mutant(

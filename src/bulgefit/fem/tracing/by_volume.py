@@ -71,7 +71,7 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
             continue
         # falling pressure, or one that has been higher still
         falls = point.pressure < here.pressure or point.rate <= 0.0
-        if not _is_sound(tracer, point):
+        if not tracer.is_sound(point):
             near = _past_turn(tracer, here, point, end, falls=falls)
             falls, point = (True, point) if near is None else (False, near)
         points.append(point)
@@ -177,7 +177,7 @@ def _past_turn(
     low, high = _turn(tracer, here, point)
     with suppress(NewtonError):
         near = _at_volume(tracer, low, high.volume)
-        if _is_sound(tracer, near) and near.pressure > low.pressure:
+        if tracer.is_sound(near) and near.pressure > low.pressure:
             return near
     if falls and here.stable and not low.stable:
         return None
@@ -201,7 +201,7 @@ def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
             share *= 0.5
             continue
         share = min(2.0 * share, 0.5)
-        if _is_sound(tracer, middle):
+        if tracer.is_sound(middle):
             low = middle
         else:
             high = middle
@@ -218,10 +218,6 @@ def _middle(tracer: Tracer, low: Point, high: Point, share: float) -> Point | No
     with suppress(NewtonError):
         return _checked(tracer, low, _from(tracer, start, pressure, volume))
     return None
-
-
-def _is_sound(tracer: Tracer, point: Point) -> bool:
-    return not tracer.elliptic or point.stable or tracer.is_elliptic(point.displacement)
 
 
 def _from(tracer: Tracer, start: Floats, pressure: float, volume: float) -> Point:

@@ -14,6 +14,7 @@ from bulgefit.fem.hermite import STENCIL, combine, hermite_weights, stencil_at
 from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
+from bulgefit.fem.volume_control import Point
 
 __all__ = ["BandedError", "Level", "Tracer", "is_between"]
 
@@ -110,9 +111,9 @@ class Tracer:
         """Whether the law is elliptic all over a shape."""
         return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
 
-    def is_sound(self, level: Level) -> bool:
-        """Whether a level is stable, or the law elliptic, where that matters."""
-        return not self.elliptic or level.stable or self.is_elliptic(level.displacement)
+    def is_sound(self, found: Level | Point) -> bool:
+        """Whether what was found is stable, or the law elliptic, where that matters."""
+        return not self.elliptic or found.stable or self.is_elliptic(found.displacement)
 
     def look_again(self, level: Level) -> None:
         """Tell whether a level is stable by its own tangent.
