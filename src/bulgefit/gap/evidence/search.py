@@ -17,6 +17,7 @@ from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.gap.evidence.sides import best_side
+from bulgefit.gap.evidence.told import told
 from bulgefit.parallel.journal import kept
 
 __all__ = ["GROWN", "REACH", "Search"]
@@ -46,6 +47,8 @@ class Search(Generic[Kind]):
         Groups that may be freed.
     say : callable
         Told what is tried.
+    before : Model
+        That which it was told last.
     fits : dict of Model to Fit
         Every model that was fitted, at its best.
     roughly : bool
@@ -63,6 +66,7 @@ class Search(Generic[Kind]):
     layout: Layout
     names: tuple[Owned, ...]
     say: Callable[[str], None] = lambda _: None
+    before: Model = frozenset()
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
     share: float = 0.0
@@ -88,7 +92,8 @@ class Search(Generic[Kind]):
 
         None where nothing balances. `hope` and `doubted` are what `descend` may be stopped by.
         """
-        self.say(" + ".join(str(name) for name, _ in sorted(model)) or "the moduli alone")
+        self.say(told(model, self.before))
+        self.before = model
 
         def work() -> Fit | None:
             try:
