@@ -143,9 +143,10 @@ def stored(membrane: Membrane, shape: np.ndarray, stiffness: np.ndarray) -> tupl
 def faults(case: Case, membrane: Membrane, stiffness: np.ndarray, path: Path) -> list[str]:
     """What is wrong with a path that claims equilibria."""
     found = []
-    # N: what 1e-8 mm take. Newton's last correction is below 1e-9 mm, the stiffness of a cell a
-    # few times D t, and at a rim that slips there are the clamp's springs
-    allowed = np.full_like(membrane.reference, 1e-8 * stiffness.max() * THICKNESS)
+    # N: what 1e-8 mm take. Newton's last correction is some 1e-9 mm, the stiffness of a cell a few
+    # times D t where its curve is steepest, and at a rim that slips there are the clamp's springs
+    steepest = 1.0 if case.curve is None else float(np.exp(np.max(case.curve)))
+    allowed = np.full_like(membrane.reference, 1e-8 * steepest * stiffness.max() * THICKNESS)
     if membrane.clamp is not None:
         allowed[membrane.clamp.rim, :2] += 1e-8 * np.abs(membrane.clamp.stiffness).sum(axis=2)
     for shape, p in zip(path.displacement, path.pressure, strict=True):
