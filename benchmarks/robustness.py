@@ -238,10 +238,8 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
     """
     below = None
     if error.reached > 0.0:
-        try:
-            # beside a singular tangent two paths find it within some thousandths
-            below = trace(membrane, stiffness, _below(error, 0.99))
-        except SolveError:
+        below = _path_below(membrane, stiffness, error)
+        if below is None:
             return ["no path to just below it"]
         if not below.stable.all():
             return ["unstable below it"]
@@ -268,6 +266,17 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
     if above is None or membrane.acoustic_margin(above, stiffness) >= 0.0:
         return ["elliptic beside it"]
     return []
+
+
+def _path_below(membrane: Membrane, stiffness: np.ndarray, error: SolveError) -> Path | None:
+    """A path to just below a loss; beside a singular tangent two find it within some thousandths.
+
+    Of the whole membrane, and where its descent leaps into bands at the start, by its quarter.
+    """
+    for path in (trace, trace_by_quarter):
+        with suppress(SolveError):
+            return path(membrane, stiffness, _below(error, 0.99))
+    return None
 
 
 def _goes_on(membrane: Membrane, stiffness: np.ndarray, below: Path, error: SolveError) -> bool:
