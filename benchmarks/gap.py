@@ -22,6 +22,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
+from math import erfc, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,8 @@ FIELDS = {1: "valmex_test1_binned", 2: "valmex_test2_recorded", 4: "valmex_test4
 LAW = "hencky"
 #: Strains (%) at which the law is told in docs/gap.md.
 STRAINS = (1.0, 2.0, 3.0, 5.0)
+#: Prior widths beyond which a parameter is told.
+WIDTHS = 2.0
 
 
 def gaps_of_each(found: Diagnosis, folder: Path) -> dict[str, dict[str, dict[str, float]]]:
@@ -122,6 +125,7 @@ def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]], l
         *_law(record),
         "## What is sure, and what is a set",
         _table(["cause", "test", "probability", "or", "parameters"], _cause_rows(record)),
+        _pulls(record),
         "## What no effect describes",
         _table(["place", "field", "test", "probability", "largest", "where"], _field_rows(record)),
         "## The cloth before inflation",
@@ -202,6 +206,23 @@ def _cause_rows(record: Mapping[str, Any]) -> list[list[str]]:
         ]
         for cause in record["causes"]
     ]
+
+
+def _pulls(record: Mapping[str, Any]) -> str:
+    """How many parameters are beyond two prior widths, and how many would be by chance."""
+    pulls = {
+        name: abs(parameter["pull"])
+        for cause in record["causes"]
+        for name, parameter in cause["parameters"].items()
+        if parameter["pull"] is not None
+    }
+    far = sorted((name for name in pulls if pulls[name] > WIDTHS), key=lambda name: -pulls[name])
+    told = ", ".join(f"{name} {pulls[name]:.1f}" for name in far)
+    chance = len(pulls) * erfc(WIDTHS / sqrt(2.0))
+    return (
+        f"Of {len(pulls)} parameters of causes {len(far)} are beyond {WIDTHS:g} prior "
+        f"widths, where chance puts up to {chance:.1f} if priors hold{': ' * bool(far)}{told}."
+    )
 
 
 def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:

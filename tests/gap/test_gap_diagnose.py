@@ -107,6 +107,16 @@ def test_the_effect_is_named_with_its_size(offset: Diagnosis) -> None:
     assert not cause.at_bound
 
 
+def test_a_direction_has_no_pull() -> None:
+    """Before any data all of them are as likely: there is no null that it could be away from."""
+    lift = {"rim_lift.amplitude": 0.4, "rim_lift.direction": 40.0}
+    (cause,) = diagnose(made(lift), effects=("rim_lift",)).causes
+    pulls = {name: one["pull"] for name, one in cause.parameters.items()}
+    assert pulls["direction"] is None
+    assert pulls["amplitude"] == pytest.approx(cause.parameters["amplitude"]["value"] / 0.3)
+    assert cause.parameters["direction"]["value"] == pytest.approx(40.0, abs=3.0)
+
+
 def test_the_gap_closes_to_the_noise_on_held_out_data(offset: Diagnosis) -> None:
     gap = offset.to_dict()["gap"]
     assert gap["heldout"]["explained"]["e_w"] < 1.1 * gap["noise_floor"]["e_w"]

@@ -118,13 +118,13 @@ def _cause(found: Explanation, group: Owned, excess: float) -> Cause:
     errors = found.final.standard_errors()
     parameters, at_bound = {}, False
     for key in found.groups[group]:
-        value = found.final.values[key]
+        value, parameter = found.final.values[key], effect.parameter(key.parameter)
         at_bound |= at_edge(key, value)
         parameters[str(key._replace(effect=""))] = {
             "value": float(value),
             "stderr": float(errors[key]),
-            "unit": effect.parameter(key.parameter).unit,
-            "pull": evidence.pulls[key],
+            "unit": parameter.unit,
+            "pull": evidence.pulls[key] if parameter.period is None else None,
         }
     share, reduction, bias = None, None, {}
     if (without := evidence.without) is not None:
