@@ -493,6 +493,12 @@ MUTANTS = (
         "fem/test_robustness.py",
     ),
     Mutant(
+        "fem/tracing/ends.py",
+        "max()) <= tracer.tolerance",
+        "max()) > 0.0",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
         "model/inflation.py",
         "and np.array_equal(self.guess, guess)",
         "or np.array_equal(self.guess, guess)",

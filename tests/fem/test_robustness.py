@@ -87,6 +87,18 @@ def test_a_branch_is_not_followed_over_a_fold(benchmark: ModuleType) -> None:
     assert caught.value.reached == pytest.approx(0.075642, rel=1e-4)
 
 
+def test_a_branch_is_not_followed_over_a_snap(benchmark: ModuleType) -> None:
+    """Of 1.9 mm, at 1.4101 bar, along the mode that ∂u/∂p grows by: a loss was told at 1.547 bar.
+
+    Tangents at both ends say of such a leap what they say of a way over a kink.
+    """
+    case = benchmark.draw(71, 1467)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.reached == pytest.approx(0.141007, rel=1e-4)
+
+
 def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> None:
     """A step by volume came to one at 0.08247 bar, and a path to 0.0816 bar ended in it."""
     case = benchmark.draw(69, 1734)

@@ -80,10 +80,29 @@ def beside(
     """
     for s in (high * (1.0 + BRACKET * np.array(_BESIDE))).tolist():
         found = tracer.sound_from(shape + (s - low) * slope, s)
-        if found is None:
-            continue
-        change = found[0] - shape
-        apart = _ROUGH * float(np.abs(change).max())
-        if is_between(change, (s - low) * slope, (s - low) * found[1], apart):
+        if found is not None and _leads_back(tracer, low, shape, slope, s, found):
             return s, *found
     return None
+
+
+def _leads_back(
+    tracer: Tracer,
+    low: float,
+    shape: Floats,
+    slope: Floats,
+    s: float,
+    found: tuple[Floats, Floats],
+) -> bool:
+    """Whether a shape found at s, and its ∂u/∂s, are of the same branch as one below.
+
+    Beside a fold the branch runs along the mode that it snaps by, so that tangents at both ends
+    agree with the leap. But what is above a snap leads down past it. Where nothing leads down, a
+    kink is so near the lower end that the upper tangent alone tells the way.
+    """
+    change, before, after = found[0] - shape, (s - low) * slope, (s - low) * found[1]
+    apart = _ROUGH * float(np.abs(change).max())
+    back = tracer.sound_from(found[0] - after, low)
+    if back is None:
+        return float(np.abs(change - after).max()) <= apart
+    returns = float(np.abs(back[0] - shape).max()) <= tracer.tolerance
+    return returns and is_between(change, before, after, apart)
