@@ -119,7 +119,8 @@ class Creases:
             Modelled.
         """
         every = slice(None, None, max(1, len(d.specimen.reference) // _TOLD))
-        residual = np.where(d.used, (d.specimen.measured - displacement) / d.sigma, 0.0)[:, every]
+        left = (d.specimen.measured - displacement) * d.weight
+        residual = np.where(d.used, left, 0.0)[:, every]
         shares, points = (
             (d.share[:, None, None] * d.used)[:, every],
             d.specimen.reference[every, :2],
