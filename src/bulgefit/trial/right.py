@@ -96,8 +96,8 @@ def sure_causes(record: Record) -> list[Mapping[str, Any]]:
 def _at_another(record: Record, cause: Mapping[str, Any]) -> bool:
     """Whether a cause is said of a specimen of a family that does not have it."""
     return any(
-        cause.get("specimen") == specimen["name"] and not names_of(cause) & {*specimen["effects"]}
-        for specimen in record["truth"].get("specimens", ())
+        cause.get("specimen") == number and not names_of(cause) & {*specimen["effects"]}
+        for number, specimen in enumerate(record["truth"].get("specimens", ()))
     )
 
 
