@@ -1121,6 +1121,30 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
     assert np.cos(search.best.x[1] - side) > 0.999
 
 
+def humped(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A lift (amplitude, side) on one side, and less and narrower on the other."""
+    angle = np.linspace(0.0, 6.2, 160)
+    near, far = np.cos(angle - x[1]), -np.cos(angle - x[1])
+    shape = np.maximum(near, 0.0) + 0.8 * np.maximum(far, 0.0) ** 3
+    turn = np.sin(angle - x[1]) * ((near > 0.0) - 2.4 * np.maximum(far, 0.0) ** 2)
+    return 50.0 * x[0] * shape, 50.0 * np.stack([shape, x[0] * turn], axis=1)
+
+
+def test_another_side_of_the_same_model_is_kept():
+    """It is fitted apart, since the side that it was fitted from before is a minimum too."""
+    lift = group(
+        "lift", [1.0, as_wide_as(2 * np.pi)], lower=np.array([0.0, -np.inf]),
+        governor=(0, 0), period=(np.inf, 2 * np.pi),
+    )  # fmt: skip
+    noise = np.random.default_rng(9).normal(size=160)
+    search = searched(Known([lift], humped(np.array([0.8, 0.5]))[0] + noise, humped))
+    wrong = search.fit(freeze({"lift": 0}), np.array([0.8, 0.5 - np.pi]))
+    assert np.cos(wrong.x[1] - 0.5) < -0.999
+    found = improved(search, wrong)
+    assert search.best is found
+    assert np.cos(found.x[1] - 0.5) > 0.999
+
+
 def test_what_two_groups_stand_for_is_found_where_one_of_them_is_gone():
     """Beside both it does nothing, so no forecast sees it: in the place of one it does all."""
     first, second = np.linalg.qr(np.random.default_rng(3).normal(size=(60, 2)))[0].T * 30.0

@@ -214,6 +214,7 @@ def _turned(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
             if found is not None and found.here.square <= fit.here.square:
                 better = _rid(search, found)
                 if better.score < fit.score:
+                    search.take(better)
                     return better
     return None
 

@@ -114,12 +114,17 @@ class Search(Generic[Kind]):
                 found.rounded(self.problem) if self._leads(found) else found.lighter(self.problem)
             )
 
-        found, known = kept(work), self.fits.get(model)
-        if found is not None and (known is None or found.score < known.score):
+        if (found := kept(work)) is not None:
+            self.take(found)
+        return self.fits.get(model)
+
+    def take(self, found: Fit) -> None:
+        """Keep a fit where none of its model was better."""
+        known = self.fits.get(found.model)
+        if known is None or found.score < known.score:
             if self.fits and self._leads(found):  # what led does not any more
                 self.fits[self.best.model] = self.best.lighter(self.problem)
-            self.fits[model] = found
-        return self.fits.get(model)
+            self.fits[found.model] = found
 
     def _leads(self, fit: Fit) -> bool:
         """Whether a fit is better than all.
