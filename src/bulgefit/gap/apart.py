@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.errors import InputError, SolveError
-from bulgefit.gap.effects import CREASES
+from bulgefit.gap.effects import CREASES, SHEAR
 from bulgefit.gap.evidence.coordinates import MATERIAL
 from bulgefit.gap.evidence.descend import Fit, descend
+from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.outcome import regression_of
 from bulgefit.gap.evidence.problem import Layout, Model, freeze
 from bulgefit.gap.evidence.weighing import Weighing
@@ -104,7 +105,7 @@ def _between(
             at = partial(refitted, weighing.afresh(), layout, model, start.x, start.here.near)
             smaller = smaller or kept(at)
         larger = smaller or larger
-        found.append(_told(weighing.afresh(), smaller) if smaller is not None else None)
+        found.append(_told(weighing.afresh(), layout, smaller) if smaller is not None else None)
     return found[::-1]
 
 
@@ -117,15 +118,25 @@ def _refit(
     weighing = weighing.afresh()
     with one_blas_thread():
         fit = refitted(weighing, layout, model, x, near)
-        return _told(weighing, fit) if fit is not None else None
+        return _told(weighing, layout, fit) if fit is not None else None
 
 
-def _told(weighing: Weighing, fit: Fit) -> Regression:
-    """The regression of a smaller model: no one starts from it, so derivatives are let go."""
+def _told(weighing: Weighing, layout: Layout, fit: Fit) -> Regression:
+    """The regression of a smaller model: no one starts from it, so derivatives are let go.
+
+    A per cent of the misfit may be several of a modulus: of a fit that came to its bottom values
+    are those that the next step would lead to, which costs no solve. One that did not, and heads
+    for softer shear, where frames lose stability as a rule, is `held`.
+    """
     found = regression_of(weighing, fit)
     shapes = weighing.lighter(fit.here.near)
     seen = [replace(p, shapes=s) for p, s in zip(found.predictions, shapes, strict=True)]
-    return replace(found, predictions=seen)
+    every, columns = weighing.coordinates.every, fit.here.columns
+    ahead = laplace(fit.here, layout, columns).x
+    values = {every[c].key: every[c].value(float(ahead[c])) for c in columns}
+    if fit.converged:
+        return replace(found, predictions=seen, values=values)
+    return replace(found, predictions=seen, held=values[SHEAR] < found.values[SHEAR])
 
 
 def refitted(

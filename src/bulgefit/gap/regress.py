@@ -48,9 +48,10 @@ class Regression:
         Where an offset of every point is freed (mm).
     converged : bool
     covariance : (P, P) array
-        Of the parameters with derivatives, correlated noise and misfit included.
+        Of the parameters with derivatives.
     held : bool
-        G12 was kept from falling: the fit asks for a softer one, by which frames lose stability.
+        G12 was kept from falling, or did not come to its end: the fit asks for a softer one, by
+        which frames lose stability.
     """
 
     keys: tuple[Key, ...]
