@@ -225,7 +225,8 @@ def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualT
     assert effect.centre(own) == (0.0, 0.0)
     assert effect.window(own) == 0.0
     reference = np.asarray(specimen.test.blocks[0].reference)
-    scene = Scene(reference, seen, reference, specimen.recorded, 100.0)
+    highest = float(specimen.recorded.max())
+    scene = Scene(reference, seen, reference, specimen.recorded, highest, 100.0)
     moved = np.random.default_rng(0).normal(size=(3, len(reference), 3))
     np.testing.assert_array_equal(effect.see(own, scene, moved), moved)
     np.testing.assert_array_equal(effect.see_height(own, moved[0, :, 2]), moved[0, :, 2])

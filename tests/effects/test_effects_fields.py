@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.effects.base import PLACES, Effect
 from bulgefit.effects.fields.base import Field
 from bulgefit.effects.fields.stiffness_field import CENTRES
@@ -429,6 +431,31 @@ def test_frames_move_by_the_sum_of_their_terms(virtual: VirtualTest):
     expected[..., 1] = -0.2 * np.outer(np.cos(2 * way), x)
     expected[..., 2] = 0.3 * np.outer(np.cos(5 * way), x * y) + 0.05 * np.outer(np.cos(way), y * y)
     np.testing.assert_allclose(moved.displacement - plain.displacement, expected, atol=1e-6)
+
+
+def test_frames_with_points_of_their_own_move_by_the_same_pressures(virtual: VirtualTest):
+    """By their share of the test's highest, not of the highest at which a point was seen."""
+    (block,) = virtual.test.blocks
+    alone = tuple(Block(block.reference, np.array([i]), block.displacement[[i]]) for i in range(3))
+    apart = VirtualTest(replace(virtual.test, blocks=alone), virtual.setup)
+    values = {**VALUES, "frame_field.z00_1": 0.1, "frame_field.x10_2": 0.2}
+    together, shapes = virtual.predict(values).displacement, apart.shapes(values)
+    seen = [apart.observe(shapes, block=i).displacement[0] for i in range(3)]
+    np.testing.assert_allclose(seen, together, atol=1e-9)
+
+
+def test_the_centre_moves_where_points_stand_under_a_turned_frame(virtual: VirtualTest):
+    """The height that a point stands at is that of its place on the fabric."""
+    values = {
+        **VALUES, "initial_shape.h0": 4.0, "initial_shape.hx": 2.0,
+        "rigid_motion.rotation_x": 0.8, "rigid_motion.rotation_y": -0.5,
+    }  # fmt: skip
+    names = ["registration.x0", "registration.y0"]
+    found = virtual.predict(values, names)
+    for name, derivative in zip(names, found.derivative, strict=True):
+        ends = [{**values, name: step} for step in (-0.01, 0.01)]
+        below, above = (virtual.predict(v, near=found.shapes).displacement for v in ends)
+        np.testing.assert_allclose(derivative, (above - below) / 0.02, atol=2e-5)
 
 
 def test_a_drift_goes_with_the_time(virtual: VirtualTest):

@@ -12,7 +12,9 @@ from bulgefit.dic.noise import estimate_noise, noise_of
 from bulgefit.errors import InputError
 from bulgefit.gap.bands import BANDS, excess_roughness
 from bulgefit.gap.caveats import left_out
-from bulgefit.gap.prepare import _usable_frames, drop_outliers, prepare
+from bulgefit.gap.data import Data
+from bulgefit.gap.prepare import _usable_frames, drop_outliers, fix_units, prepare
+from bulgefit.gap.specimen import Specimen
 
 SIGMA = np.array([0.006, 0.006, 0.015])
 FRAMES = 8
@@ -156,6 +158,36 @@ def test_what_comes_back_in_every_frame_is_not_averaged_away(points: np.ndarray)
     np.testing.assert_allclose(noise.sigma, np.sqrt(2.0) * SIGMA, rtol=0.1)
     assert noise.persistent == pytest.approx(0.5, abs=0.1)
     assert noise.inflation == pytest.approx(0.5 * 20 + 0.5, rel=0.2)
+
+
+def test_means_over_frames_and_over_points_are_as_sure_as_they_are(points: np.ndarray) -> None:
+    """Three tenths of the variance come back in every frame: in one frame they are noise as any."""
+    rng, frames, persistent = np.random.default_rng(3), 20, 0.3
+    same = np.sqrt(persistent) * rng.normal(size=(200, 1, len(points)))
+    fresh = np.sqrt(1.0 - persistent) * rng.normal(size=(200, frames, len(points)))
+    blank = bulge_test(points, dome(points, frames))
+    data = Data(
+        Specimen(blank), SIGMA, np.ones((frames, len(points), 3), dtype=bool),
+        inflation=persistent * frames + 1.0 - persistent, persistent=persistent,
+    )  # fmt: skip
+    seen = same + fresh
+    assert data.of_frames_mean(np.array([frames]))[0] == pytest.approx(
+        seen.mean(axis=1).var(), rel=0.05
+    )
+    assert data.in_a_frame / len(points) == pytest.approx(seen.mean(axis=2).var(), rel=0.05)
+
+
+def test_what_a_mesh_leaves_is_forgotten_where_it_is_not_known_any_more(
+    points: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared = prepare(bulge_test(points, dome(points)))
+    specimen = prepared.data.specimen
+    shapes = specimen.shapes({"E1": 300.0, "E2": 220.0, "G12": 20.0})
+    fix_units(prepared, shapes)
+    assert prepared.data.mesh is not None
+    monkeypatch.setattr("bulgefit.gap.prepare.mesh_remainder", lambda *_: None)
+    fix_units(prepared, shapes)
+    assert prepared.data.mesh is None
 
 
 def test_images_at_rest_that_lack_a_component_areleft_out(points: np.ndarray) -> None:

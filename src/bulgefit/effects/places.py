@@ -206,6 +206,8 @@ class Scene:
         Where they stand when the frame turns: at the initial height.
     pressure : (frames,) array, MPa
         Applied, on the fixture.
+    highest : float, MPa
+        Of all frames of the test, of which these may be some.
     radius : float, mm
     turn, shift : (frames, 3) arrays, degree and mm
         Rotation vector and shift of the frame, from all effects together: applied last.
@@ -217,6 +219,7 @@ class Scene:
     position: Floats
     standing: Floats
     pressure: Floats
+    highest: float
     radius: float
     turn: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     shift: Floats = field(default_factory=lambda: np.zeros((0, 3)))

@@ -138,6 +138,15 @@ class Data:
         return (self.inflation / self.mixture - persists) / anew if anew > 0.0 else 1.0
 
     @property
+    def in_a_frame(self) -> float:
+        """Factor on variances of means over the points of one frame; each point persists alone."""
+        return self.persistent + (1.0 - self.persistent) * self.in_space
+
+    def of_frames_mean(self, number: Floats) -> Floats:
+        """Variance of means over a point's frames, in units of one frame's, by their number."""
+        return self.persistent + (1.0 - self.persistent) * self.mixture / number
+
+    @property
     def heights(self) -> Floats | None:
         """Heights (points,) mm before inflation, as measured; None where they were not kept."""
         height = self.specimen.reference[:, 2]

@@ -66,7 +66,7 @@ def _implied(d: Data, final: Regression, index: int) -> ImpliedReference:
         by_name = by_name * np.array([by_value(n, shapes.values) for n in names])[:, None, None]
         slopes += np.einsum("fn,kfn->kn", weight, by_name) / counted
         height = height - offset[:, 2]
-        variance = d.sigma[2] ** 2 / counted
+        variance = d.sigma[2] ** 2 * d.of_frames_mean(counted)
     over, apex = _over_plane(d.specimen.reference[seen, :2])
     above = over @ height[seen]
     row = over[apex]

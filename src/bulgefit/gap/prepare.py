@@ -245,6 +245,7 @@ def fix_units(prepared: Prepared, shapes: Shapes) -> None:
     renew_noise(prepared, modelled)
     drop_outliers(prepared, modelled)
     left = mesh_remainder(specimen, shapes)
+    data.mesh = None
     if left is not None and specimen.correction is not None:
         once = specimen.correction
         specimen.correction = once + left

@@ -84,6 +84,7 @@ def scene_of(
     reference: Floats,
     places: Places,
     pressure: Floats,
+    highest: float,
     radius: float,
     active: Active,
     elapsed: Floats | None = None,
@@ -96,6 +97,8 @@ def scene_of(
         As seen; heights that are all zero were not kept, and points stand at the model's height.
     pressure : (frames,) array, MPa
         Applied.
+    highest : float, MPa
+        Of all frames of the test.
     elapsed : (frames,) array, optional
         Share of the test's time that has passed.
     """
@@ -104,7 +107,7 @@ def scene_of(
     if bent and not reference[:, 2].any():
         height = sum((e.height(own, places.unit) for e, own in bent), np.zeros(len(reference)))
         standing = np.column_stack([places.position, height])
-    scene = Scene(reference, places.position, standing, pressure, radius, elapsed=elapsed)
+    scene = Scene(reference, places.position, standing, pressure, highest, radius, elapsed=elapsed)
     turn, shift = np.zeros((2, len(pressure), 3))
     for effect, own in active:
         if effect.uses("motion"):

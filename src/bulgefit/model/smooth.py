@@ -139,7 +139,9 @@ def _weights(known: _Stencils, own: NDArray[np.intp], offset: Floats, count: int
     for row, factor in enumerate((square, 5.0 * x, 5.0 * y)[:count]):
         functions[:, row, :k] = cube * factor
     functions[:, :, k:] = np.moveaxis(_cubics(here)[:count], 0, 1)
-    found = functions @ known.inverse_of(own)
+    inverse = known.inverse_of(own)
+    # one product each: a value has the same bits with derivatives beside it and without
+    found = np.concatenate([functions[:, :1] @ inverse, functions[:, 1:] @ inverse], axis=1)
     found[:, 1:] /= scale[:, None, None]
     return np.moveaxis(found, 1, 0)
 

@@ -451,11 +451,12 @@ class Sight:
         self.displacement = self.passage.reported()
 
     def _scene(self, values: Values, active: Active, places: Places) -> Scene:
-        applied = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)[self.frames]
+        load = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)
+        applied, radius = load[self.frames], self.virtual.test.radius
         elapsed = self.virtual.elapsed
         if elapsed is not None:
             elapsed = elapsed[self.frames]
-        return scene_of(self.reference, places, applied, self.virtual.test.radius, active, elapsed)
+        return scene_of(self.reference, places, applied, float(load.max()), radius, active, elapsed)
 
     def prediction(self) -> Prediction:
         """With every derivative at every point."""
@@ -516,7 +517,7 @@ class Sight:
         change = self._of_fabric(name)
         if change is not None:
             row += self.passage.through()(change)
-        if _uses(name, "see", "motion", "locate", "outline", "height", "load"):
+        if _uses(name, "see", "motion", "locate", "centre", "outline", "height", "load"):
             row += self._of_camera(name)
 
     def _of_fabric(self, name: str) -> Floats | None:

@@ -47,21 +47,22 @@ class FrameField(Field):
         """See the class."""
         if not any(own[name] for name in _NAMES):
             return moved
-        return moved + _seen(own, scene.reference[:, :2] / scene.radius, scene.pressure)
+        share = scene.pressure / scene.highest
+        return moved + _seen(own, scene.reference[:, :2] / scene.radius, share)
 
     def sampled(self, own: Own, radius: float, pressure: Floats) -> Sampled:
         """Root mean square over the disc, at each pressure."""
         line = np.linspace(-1.0, 1.0, 21)
         grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-        seen = _seen(own, grid[np.hypot(*grid.T) <= 1.0], pressure)
+        seen = _seen(own, grid[np.hypot(*grid.T) <= 1.0], pressure / pressure.max())
         size = np.sqrt((seen**2).sum(axis=2).mean(axis=1))
         return Sampled(size, {"pressure_bar": pressure / _BAR})
 
 
-def _seen(own: Own, unit: Floats, pressure: Floats) -> Floats:
-    """The field (frames, n, 3) mm at points (n, 2) of the unit disc."""
+def _seen(own: Own, unit: Floats, share: Floats) -> Floats:
+    """The field (frames, n, 3) mm at points (n, 2) of the unit disc, by p/p_max (frames,)."""
     x, y = unit.T
-    along = np.cos(np.outer(np.pi * pressure / pressure.max(), range(_WAYS)))
+    along = np.cos(np.outer(np.pi * share, range(_WAYS)))
     over = np.stack([x**i * y**j for i, j in _POWERS], axis=1)
     size = np.array([own[name] for name in _NAMES]).reshape(3, len(_POWERS), _WAYS)
     return np.asarray(over @ np.tensordot(along, size, (1, 2)).swapaxes(1, 2))

@@ -112,7 +112,7 @@ def azimuthal_modes(data: Sequence[Data], fit: Regression) -> list[Mode]:
                 signed = both @ direction
                 # of a mean, and of the amplitude of a wave
                 share = 1.0 if m == 0 else 2.0
-                error = float(s * np.sqrt(share * d.inflation / max(ring.sum(), 1)))
+                error = float(s * np.sqrt(share * d.in_a_frame / max(ring.sum(), 1)))
                 modes.append(
                     Mode(
                         d.specimen.test.name,
