@@ -458,6 +458,17 @@ def test_the_centre_moves_where_points_stand_under_a_turned_frame(virtual: Virtu
         np.testing.assert_allclose(derivative, (above - below) / 0.02, atol=2e-5)
 
 
+def test_a_lift_of_a_rim_that_slides_moves_it_too(virtual: VirtualTest):
+    """The load of an edge that is lifted has a skew part, which no tangent has."""
+    values = {**VALUES, "clamp_slip.compliance": 0.03, "rim_lift.amplitude": 0.5}
+    found = virtual.predict(values, ["rim_lift.amplitude"])
+    ends = [{**values, "rim_lift.amplitude": 0.5 + step} for step in (-1e-3, 1e-3)]
+    below, above = (virtual.predict(v, near=found.shapes).displacement for v in ends)
+    difference = (above - below) / 2e-3
+    miss = np.abs(found.derivative[0] - difference).max(axis=(0, 1))
+    assert (miss < 5e-3 * np.abs(difference).max(axis=(0, 1))).all()
+
+
 def test_a_drift_goes_with_the_time(virtual: VirtualTest):
     """Half a minute to the second frame, six more to the third."""
     plain = virtual.predict(VALUES)
