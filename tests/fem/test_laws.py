@@ -311,6 +311,25 @@ def fung(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     registry._others.cache_clear()
 
 
+def test_couplings_are_weighed_beside_what_softening_leaves() -> None:
+    """Each alone leaves a positive strain energy, both together do not."""
+    stiffness = orthotropic_stiffness(303.0, 229.0, 30.0, 0.24)
+    soft = {"bend": (-0.5 * 303.0, -0.5 * 229.0), "knee": (0.005, 0.005)}
+    coupled = {"coupling": (0.8 * np.sqrt(303.0 * 30.0), 0.0)}
+    Fabric(**soft).law_parameters(stiffness)
+    Fabric(**coupled).law_parameters(stiffness)
+    with pytest.raises(InputError, match=r"coupling: .* leave no positive strain energy"):
+        Fabric(**soft, **coupled).law_parameters(stiffness)
+
+
+def test_stiffness_that_falls_to_nothing_somewhere_is_refused() -> None:
+    mesh = disc(100.0, 1)
+    share = np.ones((len(mesh.cells), 4))
+    share[3, 2] = 0.0
+    with pytest.raises(InputError, match="stiffness falls to 0 of its mean"):
+        Membrane(mesh, fabric=Fabric(thickness=share))
+
+
 def test_law_of_another_package_blows_a_membrane(fung: Path) -> None:
     """Its differences by the stiffness give the path's derivatives."""
     assert [*LAWS] == [*OWN, "fung"]

@@ -139,7 +139,7 @@ class Fabric:
             A curve that is none, or slopes or couplings that leave no positive definite law.
         """
         if any(self.coupling):
-            _check_coupling(self.coupling, stiffness)
+            _check_coupling(self.coupling, stiffness, np.zeros(2))
         own = *self.slack, *self.gain, *self.bend, *self.knee
         spent = self._spent(stiffness)
         added = np.zeros((2, len(KNOTS)))
@@ -181,7 +181,8 @@ class Fabric:
         """Refuse slopes, of which a curve has added some (2, K) MPa, that soften both ways too far.
 
         The stiffness D + diag(E1 (s1 - 1), E2 (s2 - 1)) of slopes E1 s1 and E2 s2 is positive
-        definite where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften.
+        definite where s1 s2 > ν12 ν21 (1 - s1)(1 - s2): always, unless both soften. What couplings
+        with shear leave of it has to be so as well.
         """
         d11, d22, d12, _ = stiffness
         contraction = d12**2 / (d11 * d22)  # ν12 ν21
@@ -195,6 +196,8 @@ class Fabric:
                 f"strain energy with nu12 nu21 = {contraction:.3g}; let curve, gains or bends "
                 "soften less"
             )
+        if any(self.coupling):
+            _check_coupling(self.coupling, stiffness, moduli * (np.array([warp, fill]) - 1.0))
 
     def _slopes(self, strain: Floats, moduli: Floats, spent: Floats) -> Floats:
         """Of stress along warp and fill, (2, n) MPa, by moduli, gains and bends."""
@@ -210,14 +213,17 @@ def _moduli(stiffness: Floats) -> Floats:
     return np.array([d11 - d12**2 / d22, d22 - d12**2 / d11])
 
 
-def _check_coupling(coupling: tuple[float, float], stiffness: Floats) -> None:
+def _check_coupling(coupling: tuple[float, float], stiffness: Floats, softer: Floats) -> None:
+    """Refuse couplings beside a stiffness that slopes change by `softer` (2,) MPa at most."""
     d11, d22, d12, d33 = stiffness
     d13, d23 = coupling
     whole = np.array([[d11, d12, d13], [d12, d22, d23], [d13, d23, d33]])
+    whole[[0, 1], [0, 1]] += softer
     if not np.linalg.eigvalsh(whole).min() > 0.0:
         raise InputError(
             f"coupling: D13 = {d13:.4g}, D23 = {d23:.4g} MPa leave no positive strain energy "
-            f"beside D33 = {d33:.4g} MPa; make them smaller"
+            f"beside D11, D22, D33 of {whole[0, 0]:.4g}, {whole[1, 1]:.4g}, {d33:.4g} MPa; make "
+            "them smaller"
         )
 
 
@@ -294,6 +300,12 @@ class Membrane:
             self.surface = ReferenceSurface.of(self.reference, mesh.cells, self.angle)
         self.weight = self.thickness * self.surface.area
         if self.fabric.thickness is not None:
+            least = float(self.fabric.thickness.min())
+            if not least > 0.0:
+                raise InputError(
+                    f"stiffness falls to {least:.3g} of its mean somewhere on the specimen; let it "
+                    "vary less"
+                )
             self.weight = self.weight * self.fabric.thickness
         self.ties, self.times = ties, ONCE
         self.share = np.ones(len(mesh.cells)) if ties is None else ties.share
