@@ -206,6 +206,12 @@ def test_shapes_are_what_predict_sees_at_the_nodes(effects):
     assert np.abs(made.path(0.2) - path[1]).max() == 0.0
 
 
+def test_no_path_goes_through_shapes_of_a_rim_that_moves():
+    made = simulate(CONSTANTS, [0.05, 0.2], refine=2, effects={"rim_lift.amplitude": 0.5})
+    with pytest.raises(InputError, match="there is no path where effects move the rim"):
+        _ = made.path
+
+
 @pytest.mark.parametrize(("g12", "stable"), [(30.0, [True, True]), (5.0, [True, False])])
 def test_shapes_balance_the_whole_membrane(g12, stable):
     """Though a quarter of it is balanced, and under soft shear one that odd shapes would leave."""

@@ -97,7 +97,21 @@ class Simulation(Drawn):
 
     @cached_property
     def path(self) -> Path:
-        """The path up to the highest pressure, for any other; traced when first asked for."""
+        """The path up to the highest pressure; traced when first asked for.
+
+        By the pressure that acts, which effects of the load set apart from the recorded one, and on
+        this mesh: its error is left in.
+
+        Raises
+        ------
+        InputError
+            The rim moves from frame to frame: no path goes through its shapes.
+        """
+        if self.description.edge is not None or self.description.eased is not None:
+            raise InputError(
+                "there is no path where effects move the rim or ease the clamp frame by frame: "
+                "simulate the pressures themselves"
+            )
         with one_blas_thread():
             return self.inflation.path(self.description, self.material.values, sensitivities=False)
 
