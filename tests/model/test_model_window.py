@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bulgefit.effects.registry import effect_named
+from bulgefit.errors import InputError
 from bulgefit.fem.mesh import disc
 from bulgefit.model.opening import Opening
 from bulgefit.model.smooth import smooth_field
@@ -59,6 +60,16 @@ def test_of_what_the_rim_leaves(window: Window, distance: float, width: float) -
     operator = window.value(point / 100.0, width, CIRCLE)
     assert operator @ x == pytest.approx(places[:, 0].mean(), abs=2e-3)
     assert operator @ (x * y) == pytest.approx(places.prod(axis=1).mean(), abs=0.2)
+
+
+@pytest.mark.parametrize("size", [0.25, 1.5])
+def test_a_rim_that_is_bent_too_far_is_refused(size: float) -> None:
+    """Corrections that shrink slowly, or grow, tell no places."""
+    lobes = {"c3": size, "s3": 0.0}
+    opening = Opening(np.array([100.0, 100.0]), [(effect_named("clamp_lobes"), lobes)])
+    places = 90.0 * np.stack([np.cos(np.arange(9.0)), np.sin(np.arange(9.0))], axis=1)
+    with pytest.raises(InputError, match="the rim is bent too far by clamp_lobes"):
+        opening.unit(places)
 
 
 @pytest.mark.parametrize("place", [(12.0, -30.0), (70.0, 55.0), (-66.0, 68.0), (-91.5, 1.0)])

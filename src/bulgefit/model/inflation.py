@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import InputError, SolveError
+from bulgefit.errors import Cause, InputError, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
 from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
 from bulgefit.fem.membrane import Membrane
@@ -472,7 +472,9 @@ def _solved(
             raise
     except NewtonError as error:
         reason = f"no equilibrium near the last shape: {error.reason}"
-        raise _unsolved(reason, pressure, values, error.iteration, error.residual_norm) from error
+        raise _unsolved(
+            reason, pressure, values, error.iteration, error.residual_norm, error.cause
+        ) from error
 
 
 def _unsolved(
@@ -481,9 +483,11 @@ def _unsolved(
     values: dict[str, float],
     iteration: int = 0,
     residual_norm: float = 0.0,
+    cause: Cause = Cause.NOT_CONVERGED,
 ) -> SolveError:
     return SolveError(
         reason,
+        cause=cause,
         pressure=float(pressure),
         reached=float(pressure),
         iteration=iteration,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from bulgefit.errors import InputError
 from bulgefit.model.description import Active
 
 __all__ = ["Opening"]
@@ -16,6 +17,8 @@ Floats = NDArray[np.float64]
 
 #: Fixed-point corrections that undo the outline: each leaves its size times the last.
 _CORRECTIONS, _SETTLED = 60, 1e-14
+#: Of the radius: what may be left where they shrink slowly.
+_TOLD = 1e-9
 #: Places at which the rim is looked at: less than a millimetre apart on a usual one.
 _LOOK = 720
 #: Least curvature of a rim over that of a circle of its size: beyond, it is straight.
@@ -47,13 +50,24 @@ class Opening:
         return np.asarray(self._bent(unit) * self.semi_axes)
 
     def unit(self, fabric: Floats) -> Floats:
-        """Points (n, 2) of the unit disc that stand at places (n, 2) mm."""
+        """Points (n, 2) of the unit disc that stand at places (n, 2) mm.
+
+        Raises
+        ------
+        InputError
+            The rim is bent so far that this does not tell them to a ten-millionth of a millimetre.
+        """
         target = unit = fabric / self.semi_axes
+        left = 0.0
         for _ in range(_CORRECTIONS if self.active else 0):
             miss = target - self._bent(unit)
             unit = unit + miss
-            if np.abs(miss).max(initial=0.0) < _SETTLED:
+            left = float(np.abs(miss).max(initial=0.0))
+            if left < _SETTLED or not left < 1.0:
                 break
+        if not left < _TOLD:
+            bent = ", ".join(effect.id for effect, _ in self.active)
+            raise InputError(f"the rim is bent too far by {bent}: places on it are not told apart")
         return np.asarray(unit)
 
     def _bent(self, unit: Floats) -> Floats:
