@@ -274,7 +274,7 @@ def test_advice_says_which_test_and_what_its_numbers_are(family):
         "No further measurement that was tried would tell creep from lens_distortion better than "
         "B does."
     )
-    assert "compete" in advice_items({**family, "advice": []})[0]
+    assert "No two effects compete" in advice_items({**family, "advice": []})[0]
 
 
 def test_figures_of_a_test_have_its_own_effects_alone(pair):

@@ -202,6 +202,35 @@ def test_words_of_every_verdict(found):
         assert "edge of what is plausible" in " ".join(text.split())
 
 
+def test_a_cause_without_alternatives_may_not_be_there(found):
+    """Only the model without it competes: nothing is one of several."""
+    (cause,) = found.causes
+    doubted = replace(cause, probability=0.62)
+    one = replace(found, verdict=Verdict.AMBIGUOUS, causes=[doubted])
+    answer = " ".join(page_of_diagnosis(record_of(one)).answer.notes)
+    assert "Whether a cause is there decides the moduli, too" in answer
+    assert "split them first" not in answer
+    for text in (text_of(one), report_text(one)):
+        words = " ".join(text.split())
+        assert "With rigid_motion (the camera's frame" in words
+        assert (
+            ") the gap is explained down to the noise; rigid_motion (probability 0.620) may "
+            "be there or not, which this data does not decide."
+        ) in words
+        assert "Its probability is 0.620." in words
+        assert "This data does not decide whether it is there." in words
+        assert "of several" not in words
+    split = replace(cause, effect="clamp_slip", alternatives=("dic_scale",), probability=0.7)
+    sure = replace(cause, effect="prestrain")
+    several = replace(found, verdict=Verdict.AMBIGUOUS, causes=[split, doubted, sure])
+    words = " ".join(report_text(several).split())
+    assert "which of several, this data cannot tell; rigid_motion (probability 0.620) may" in words
+    assert words.count("does not decide whether it is there") == 1
+    answer = " ".join(page_of_diagnosis(record_of(several)).answer.notes)
+    assert "split them first" in answer
+    assert "Whether a cause is there decides the moduli, too" in answer
+
+
 @pytest.mark.parametrize(
     ("group", "where", "told"),
     [

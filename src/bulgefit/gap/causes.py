@@ -25,7 +25,7 @@ class Verdict(StrEnum):
     NONE = "none"
     #: The causes are sure.
     NAMED = "named"
-    #: Sets of causes.
+    #: Sets of causes, or causes of which it is open whether they are there.
     AMBIGUOUS = "ambiguous"
     #: Causes are sure, and something else is left.
     PARTIAL = "partial"
@@ -45,7 +45,7 @@ class Cause:
     probability : float
         From the evidence of all models that were weighed.
     alternatives : tuple of str
-        Effects that this data cannot tell from it.
+        Effects that this data cannot tell from it. Without any, and not sure, it may not be there.
     parameters : dict of name to {"value", "stderr", "unit", "pull"}
         The pull is the distance from the null in prior widths; a direction has none.
     at_bound : bool

@@ -13,6 +13,7 @@ from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
 from bulgefit.report.record import SIGNIFICANT, Record
 from bulgefit.report.words.blocks import blocks_of
+from bulgefit.report.words.causes import is_undecided
 from bulgefit.report.words.names import budget_labels, names_of
 from bulgefit.report.words.notes import alarms_of
 from bulgefit.report.words.verdict import verdict_words
@@ -71,11 +72,24 @@ def _answer(record: Record) -> Answer:
             "of this model, not of the fabric."
         )
     elif record["verdict"] == Verdict.AMBIGUOUS:
-        notes.append("Which of the causes acts decides the moduli, too: split them first (below).")
+        notes += _open(record["causes"])
     notes += [AT_REST] if is_bent(record) else _shifts(record)
     return Answer(
         headline[0].upper() + headline[1:] + ".", tone if usable else "bad", values, tuple(notes)
     )
+
+
+def _open(causes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What causes that the data leave open mean for the moduli."""
+    notes = []
+    if any(c["alternatives"] for c in causes):
+        notes.append("Which of the causes acts decides the moduli, too: split them first (below).")
+    if any(map(is_undecided, causes)):
+        notes.append(
+            "Whether a cause is there decides the moduli, too: what they would be without it is "
+            "told with it (below)."
+        )
+    return notes
 
 
 def _value(name: str, found: Any) -> Value:

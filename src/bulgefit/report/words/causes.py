@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bulgefit.gap.effects import SHEAR
+from bulgefit.gap.evidence.probability import SURE
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.record import Record
 from bulgefit.report.words.names import chance_text, owned, percent_text
 
-__all__ = ["evidence_words", "parameter_rows"]
+__all__ = ["evidence_words", "is_undecided", "parameter_rows"]
 
 _MOST_PARAMETERS = 9
 
@@ -25,6 +26,11 @@ def parameter_rows(record: Record, cause: Mapping[str, Any]) -> Iterator[tuple[s
         yield owned(record, name), value_text(found["value"], found["stderr"]) + unit
 
 
+def is_undecided(cause: Mapping[str, Any]) -> bool:
+    """Whether a cause may not be there: it is not sure, and no other effect stands in for it."""
+    return not cause["alternatives"] and cause["probability"] < SURE
+
+
 def evidence_words(cause: Mapping[str, Any]) -> str:
     """What speaks for a cause, and what it is worth."""
     parts = [f"Its probability is {chance_text(cause['probability'])}.", *_worth(cause)]
@@ -33,6 +39,8 @@ def evidence_words(cause: Mapping[str, Any]) -> str:
             f"This data cannot tell it from {listed(cause['alternatives'], 'or')}; it is given "
             "because it is the most probable."
         )
+    elif is_undecided(cause):
+        parts.append("This data does not decide whether it is there.")
     if cause["at_bound"]:
         parts.append("A parameter sits at the edge of what is plausible: do not take it as it is.")
     if cause["partial"]:

@@ -33,7 +33,7 @@ def action_items(record: Record) -> list[str]:
 def advice_items(record: Record) -> list[str]:
     """Which measurement would split what competes."""
     if not record["advice"]:
-        return ["No two explanations compete; no further measurement is needed to split them."]
+        return ["No two effects compete; no further measurement is needed to split them."]
     now, *others = record["advice"]
     first, second = now["between"]
     # an earlier version judged the first test, and said nothing of it

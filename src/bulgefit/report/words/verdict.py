@@ -9,8 +9,9 @@ from bulgefit.gap.causes import Verdict
 from bulgefit.gap.evidence.probability import SURE
 from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
+from bulgefit.report.words.causes import is_undecided
 from bulgefit.report.words.left import strong_cells
-from bulgefit.report.words.names import called_together, of_whom
+from bulgefit.report.words.names import called_together, chance_text, of_whom
 
 __all__ = ["is_unnamed", "verdict_words"]
 
@@ -24,10 +25,7 @@ def verdict_words(record: Record) -> str:
     if verdict == Verdict.NAMED:
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
     if verdict == Verdict.AMBIGUOUS:
-        return (
-            f"The gap is explained down to the noise by {named}; which of several, this data "
-            "cannot tell."
-        )
+        return f"With {named} the gap is explained down to the noise; {_open(record)}."
     left = _left(record)
     if verdict == Verdict.PARTIAL:
         sure = called_together(record, [c for c in causes if c["probability"] >= SURE])
@@ -39,6 +37,21 @@ def verdict_words(record: Record) -> str:
 def is_unnamed(record: Record) -> bool:
     """Whether something is left that has no name."""
     return record["verdict"] in (Verdict.PARTIAL, Verdict.UNKNOWN)
+
+
+def _open(record: Record) -> str:
+    """What the data leave open: which of several acts, and what may not be there at all."""
+    causes, told = record["causes"], []
+    if any(c["alternatives"] for c in causes):
+        told.append("which of several, this data cannot tell")
+    doubted = [
+        f"{c['effect']}{of_whom(record, c)} (probability {chance_text(c['probability'])})"
+        for c in causes
+        if is_undecided(c)
+    ]
+    if doubted:
+        told.append(f"{listed(doubted)} may be there or not, which this data does not decide")
+    return "; ".join(told)
 
 
 def _left(record: Record) -> str:
