@@ -23,6 +23,7 @@ from bulgefit.report.numbers import value_text
 from bulgefit.report.page.of_diagnosis import page_of_diagnosis
 from bulgefit.report.record import budget_of, record_of
 from bulgefit.report.words.table import table
+from bulgefit.report.words.verdict import verdict_words
 
 
 def not_blank(path):
@@ -229,6 +230,15 @@ def test_a_cause_without_alternatives_may_not_be_there(found):
     answer = " ".join(page_of_diagnosis(record_of(several)).answer.notes)
     assert "split them first" in answer
     assert "Whether a cause is there decides the moduli, too" in answer
+
+
+def test_a_verdict_counts_the_causes_that_are_sure(found):
+    (cause,) = found.causes
+    doubted = replace(cause, effect="clamp_slip", probability=0.62)
+    also = replace(cause, effect="prestrain")
+    for causes, told in (([cause, doubted], ") is sure"), ([cause, also, doubted], ") are sure")):
+        partial = replace(found, verdict=Verdict.PARTIAL, causes=causes)
+        assert f"{told}; beside that" in verdict_words(record_of(partial))
 
 
 @pytest.mark.parametrize(

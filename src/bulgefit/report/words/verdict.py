@@ -28,8 +28,9 @@ def verdict_words(record: Record) -> str:
         return f"With {named} the gap is explained down to the noise; {_open(record)}."
     left = _left(record)
     if verdict == Verdict.PARTIAL:
-        sure = called_together(record, [c for c in causes if c["probability"] >= SURE])
-        return f"{sure} {'is' if len(causes) == 1 else 'are'} sure; beside that, {left}."
+        sure = [c for c in causes if c["probability"] >= SURE]
+        are = "is" if len(sure) == 1 else "are"
+        return f"{called_together(record, sure)} {are} sure; beside that, {left}."
     helps = f"; {named} {_helps(causes)} in part" if causes else ""
     return f"No effect that has a name explains the gap: {left}{helps}."
 
