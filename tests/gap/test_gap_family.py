@@ -148,6 +148,20 @@ def test_an_effect_is_no_rival_of_itself(found: Diagnosis) -> None:
     assert now.between == ("prestrain", "clamp_shape")
 
 
+def test_advice_is_for_the_least_sure_of_what_has_a_rival(found: Diagnosis) -> None:
+    """Whatever each is worth, and whatever is less sure without a rival."""
+    (known,) = found.explanation.evidence.values()
+    slack, slip, drift = Owned("prestrain", 0), Owned("clamp_slip", 0), Owned("rigid_motion", 0)
+    evidence = {
+        slack: replace(known, probability=0.94, rivals=(Owned("clamp_shape"),)),
+        slip: replace(known, probability=0.55, rivals=(Owned("dic_scale"),)),
+        drift: replace(known, probability=0.5),
+    }
+    doubted = replace(found.explanation, evidence=evidence, others={Owned("creep"): 0.1})
+    now, *_ = advise([p.data for p in found.prepared], doubted)
+    assert now.between == ("clamp_slip", "dic_scale")
+
+
 def test_priors_are_of_moduli(grid) -> None:
     test = made(grid(11.0), 0, {})
     with pytest.raises(InputError, match=r"prior: clamp_slip\.compliance is none of E1, E2, G12"):

@@ -72,9 +72,9 @@ class Advice:
 def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     """Measurements ranked by the separation that the sensitivities predict.
 
-    The leading ambiguity is the first effect that has a rival against that; without one, the least
-    sure effect against the most probable one that is not in the model. Of several tests it is that
-    of the one whose effect it is, and of the first where all share it.
+    The leading ambiguity is the least sure effect that has a rival against that; without one, the
+    least sure effect against the most probable one that is not in the model. Of several tests it is
+    that of the one whose effect it is, and of the first where all share it.
     """
     leading = _leading(found)
     if leading is None:
@@ -110,10 +110,10 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
 
 
 def _leading(found: Explanation) -> tuple[Owned, Owned] | None:
-    """What is least sure of the model, and what may be in its place, or beside it."""
+    """The least sure cause with a rival, and that; else the least sure, and what was left out."""
     causes = {g: e for g, e in found.evidence.items() if not is_field(g)}
-    for group, evidence in causes.items():
-        rival = next(iter(evidence.rivals), group)
+    for group in sorted(causes, key=lambda g: causes[g].probability):
+        rival = next(iter(causes[group].rivals), group)
         if rival.effect != group.effect and not is_field(rival):
             return group, rival
     others = {g: p for g, p in found.others.items() if not is_field(g)}
