@@ -17,7 +17,7 @@ from bulgefit.dic.noise import estimate_noise
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap import apart, course
-from bulgefit.gap.caveats import left_of_the_mesh, left_out, of_the_fits
+from bulgefit.gap.caveats import in_doubt, left_of_the_mesh, left_out, of_the_fits
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import CATALOGUE, SHEAR
@@ -159,6 +159,35 @@ def test_points_that_were_left_out_are_told(offset: Diagnosis) -> None:
     assert prepared.strays == 0
     (warning,) = left_out([replace(prepared, strays=7)])
     assert "7 of" in warning
+
+
+def test_frames_in_doubt_are_told_by_their_reason(offset: Diagnosis) -> None:
+    """Of four frames three wrinkle and two hang on the mesh: one does both, and is told twice."""
+    (prepared,), found = offset.prepared, offset.explanation
+    assert in_doubt([prepared], found) == []
+    data, (prediction,) = prepared.data, found.final.predictions
+    frames = len(data.used)
+    trust, wrinkled = np.ones(frames), np.zeros(frames)
+    mesh = np.zeros_like(data.weight)
+    trust[[0, 1, 5, 6]], wrinkled[[0, 5]] = 0.5, 0.01
+    mesh[5:, :, 1] = 2.0 * data.sigma[1]
+
+    def told(trust: np.ndarray, wrinkled: np.ndarray | None) -> list[str]:
+        doubted = replace(prepared, data=replace(data, trust=trust, mesh=mesh))
+        seen = replace(prediction, shapes=replace(prediction.shapes, wrinkled=wrinkled))
+        final = replace(found.final, predictions=[seen])
+        return in_doubt([doubted], replace(found, final=final))
+
+    tail = "; what no model follows there counts as noise"
+    slack = f"part of the fabric is slack and wrinkles{tail}"
+    on_mesh = f"more than the noise is left of the mesh's error, as near a limit of stability{tail}"
+    # frame 1 wrinkled where units were fixed; frame 7 is met, whatever the mesh does
+    assert told(trust, wrinkled) == [
+        f"made: in 3 frames {slack}", f"made: in 2 frames {on_mesh}",
+    ]  # fmt: skip
+    assert told(trust, None) == [f"made: in 2 frames {slack}", f"made: in 2 frames {on_mesh}"]
+    trust[:5] = 1.0
+    assert told(trust, np.zeros(frames)) == [f"made: in 2 frames {on_mesh}"]
 
 
 def test_a_mesh_that_is_not_fine_enough_is_told(offset: Diagnosis) -> None:

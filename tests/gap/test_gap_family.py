@@ -84,6 +84,8 @@ def test_the_cause_is_one_specimens(told: dict[str, Any]) -> None:
     assert told["specimens"][1]["effects"] == []
     slack = cause["parameters"]["slack_x@0"]
     assert abs(slack["value"] - 0.004) < 4.0 * slack["stderr"]
+    (warning,) = told["warnings"]
+    assert warning.startswith("specimen 0: in 1 frame part of the fabric is slack and wrinkles")
 
 
 def test_advice_is_about_the_test_that_has_the_effect(found: Diagnosis) -> None:

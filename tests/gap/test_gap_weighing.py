@@ -320,7 +320,10 @@ def test_frames_that_hang_on_the_mesh_are_doubted(data: Data) -> None:
     mesh = np.zeros_like(modelled)
     mesh[-1, :, 1] = 2.0 * data.sigma[1]
     mesh[-2, :, 1] = 0.5 * data.sigma[1]
-    trust = _trust(replace(data, mesh=mesh), modelled, prediction.shapes)
+    known = replace(data, mesh=mesh)
+    trust = _trust(known, modelled, prediction.shapes)
+    np.testing.assert_array_equal(known.hangs_on_mesh, trust < 1.0)
+    assert not data.hangs_on_mesh.any()
     assert trust[-1] == pytest.approx(1.0 / np.sqrt(26.0), rel=0.05)
     np.testing.assert_array_equal(trust[:-1], 1.0)
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CATALOGUE
 from bulgefit.gap.evidence.coordinates import is_field
 from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.prepare import Prepared
+from bulgefit.model.inflation import Shapes
 from bulgefit.shown import number_of
 
-__all__ = ["lacked_by", "left_of_the_mesh", "left_out", "of_the_fits"]
+__all__ = ["in_doubt", "lacked_by", "left_of_the_mesh", "left_out", "of_the_fits"]
 
 
 def left_out(prepared: Sequence[Prepared]) -> list[str]:
@@ -22,12 +27,6 @@ def left_out(prepared: Sequence[Prepared]) -> list[str]:
             out.append(
                 f"{name}: frames from {p.rough_from:.3g} bar on were left out: the fabric deforms "
                 "in bands there (soft shear), which no mesh-independent model follows"
-            )
-        doubted = int((p.data.share < 1.0).sum())
-        if doubted:
-            out.append(
-                f"{name}: in {number_of(doubted, 'frame')} part of the fabric is "
-                "slack and wrinkles; what no model follows there counts as noise"
             )
         if p.interpolated is not None:
             at = ", ".join(f"{10.0 * one:.3g}" for one in p.data.specimen.recorded)
@@ -48,6 +47,33 @@ def left_out(prepared: Sequence[Prepared]) -> list[str]:
                 "frames depart far from those around them and were left out"
             )
     return out
+
+
+def in_doubt(prepared: Sequence[Prepared], found: Explanation) -> list[str]:
+    """Frames that count by less, since the model itself is in doubt there, by every reason."""
+    out = []
+    for p, prediction in zip(prepared, found.final.predictions, strict=True):
+        for reason, frames in _doubts(p.data, prediction.shapes).items():
+            if frames.any():
+                out.append(
+                    f"{p.data.specimen.test.name}: in {number_of(int(frames.sum()), 'frame')} "
+                    f"{reason}; what no model follows there counts as noise"
+                )
+    return out
+
+
+def _doubts(data: Data, shapes: Shapes) -> dict[str, NDArray[np.bool_]]:
+    """Which frames are in doubt for which reason, (frames,) each."""
+    doubted = data.share < 1.0
+    on_mesh = doubted & data.hangs_on_mesh
+    # what does not hang on the mesh wrinkled where units were fixed, if not in the best model
+    slack = doubted & ~on_mesh
+    if shapes.wrinkled is not None:
+        slack |= doubted & (shapes.wrinkled > 0.0)
+    return {
+        "part of the fabric is slack and wrinkles": slack,
+        "more than the noise is left of the mesh's error, as near a limit of stability": on_mesh,
+    }
 
 
 def left_of_the_mesh(prepared: Sequence[Prepared]) -> list[str]:

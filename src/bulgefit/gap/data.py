@@ -71,8 +71,8 @@ class Data:
     mesh : (frames, points, 3) array or None, mm
         What the correction leaves of the mesh's error; None where it is not known.
     trust : (frames,) array or None
-        Noise over noise and the model's own doubt, of frames in which the fabric wrinkles; None:
-        1 everywhere.
+        Noise over noise and the model's own doubt, of frames in which the fabric wrinkles or that
+        hang on the mesh; None: 1 everywhere.
     """
 
     specimen: Specimen
@@ -161,6 +161,14 @@ class Data:
     def weight(self) -> Floats:
         """One over noise and doubt, 0 where unused: (frames, points, 3), 1/mm."""
         return np.asarray(self.used * self.share[:, None, None] / self.sigma)
+
+    @property
+    def hangs_on_mesh(self) -> NDArray[np.bool_]:
+        """Frames in which more than the noise is left of the mesh's error: (frames,)."""
+        if self.mesh is None:
+            return np.zeros(len(self.used), dtype=bool)
+        error = np.where(self.used, self.mesh / self.sigma, 0.0)
+        return np.asarray((error**2).mean(axis=1).max(axis=1) > 1.0)
 
     @property
     def share(self) -> Floats:

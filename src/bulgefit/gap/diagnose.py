@@ -15,7 +15,7 @@ from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.causes import causes_of, verdict_of
-from bulgefit.gap.caveats import lacked_by, left_of_the_mesh, left_out, of_the_fits
+from bulgefit.gap.caveats import in_doubt, lacked_by, left_of_the_mesh, left_out, of_the_fits
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import MODULI, chosen_effects
@@ -175,6 +175,7 @@ def diagnose(
         holdout=met,
         warnings=[
             *left_out([*prepared, *([kept_out] if kept_out else [])]),
+            *in_doubt(prepared, found),
             *left_of_the_mesh(prepared),
             *of_the_fits(found),
             *unmet,
