@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bulge_lab.fung import FUNG
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fem.laws import registry
 from bulgefit.fem.mesh import disc
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.minimise import descend
 from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.objective import Objective
-from bulgefit.fitting.problem import Problem
+from bulgefit.fitting.problem import Prior, Problem
+from bulgefit.fitting.result import FitResult
 from bulgefit.fitting.uncertainty import uncertainty_of
 from bulgefit.model.parameters import material
 from bulgefit.model.setup import Setup
@@ -114,6 +117,76 @@ def test_intervals_are_of_the_value_and_the_parts_of_the_error(make: Maker, setu
     for name in ("E1", "E2"):
         moved = abs(other.material.values[name] - found.material.values[name])
         assert errors.parts[name]["nu12"] == pytest.approx(moved, rel=0.1)
+
+
+def _moved_by_thickness(
+    found: FitResult, test: BulgeTest, size: float, **options: Any
+) -> dict[str, float]:
+    """What a fit of a thickness that is larger by a share changes, as errors are: by logarithms."""
+    other = fit(replace(test, thickness=test.thickness * (1.0 + size)), **options)
+    pairs = ((n, v, other.material.values[n]) for n, v in found.material.values.items())
+    return {name: value * abs(np.log(moved / value)) for name, value, moved in pairs}
+
+
+@pytest.mark.parametrize(
+    "held",
+    [
+        {"bounds": {"E1": (330.0, 330.0)}},
+        {"bounds": {**BOUNDS, "G12": (10.0, 20.0)}},
+        {"priors": {"G12": Prior(30.0, 0.3)}},
+        {"priors": {"E1": Prior(330.0, 3.0)}},
+    ],
+    ids=["held", "at a bound", "believed", "half believed"],
+)
+def test_what_holds_a_modulus_is_heeded_by_thickness(
+    held: dict[str, Any], make: Maker, setup: Setup
+) -> None:
+    """The others move as a fit of another thickness finds, and not by its share."""
+    test = make(noise=0.02, frames=8, points=150)
+    options = {"objective": "likelihood", "starts": 1, "setup": setup, **held}
+    found = fit(test, uncertainty={"thickness": 0.01}, **options)
+    moved = _moved_by_thickness(found, test, 0.01, **options)
+    for name, part in found.uncertainty.parts.items():
+        # to first order: what moves by 5 % is right to some
+        assert part["thickness"] == pytest.approx(moved[name], rel=0.03)
+
+
+@pytest.mark.parametrize("law", ["hencky", "svk", "yarn"])
+def test_stiffness_times_thickness_is_all_that_is_felt(law: str, make: Maker, setup: Setup) -> None:
+    """Also by a rim that gives, by slack and by curves: with all moduli free they move alike."""
+    held = {
+        "prestrain.slack_x": 0.002,
+        "clamp_slip.compliance": 0.02,
+        "nonlinear_material.k_x": -2.0,
+        "stiffness_gradient.g_x": 0.1,
+    }
+    test = make(noise=0.02, points=150)
+    problem = Problem(Objective([test], "likelihood", replace(setup, law=law)), held=held)
+    z = problem.coordinates(TRUTH)
+    shapes = problem.shapes(z, derivatives=True)
+    noises = noise_left(problem.objective, shapes)
+    stated = {"thickness": 0.05}
+    errors = uncertainty_of(problem, z, shapes, np.zeros(3, dtype=bool), stated, noises)
+    for name, value in TRUTH.items():
+        assert errors.parts[name]["thickness"] == pytest.approx(value * np.log(1.05), rel=1e-6)
+
+
+def test_a_law_with_a_stiffness_of_its_own_is_heeded_by_thickness(
+    make: Maker, setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fung's exponential of an energy over a modulus that is the law's: more than E t is felt."""
+    monkeypatch.setattr(registry, "_others", lambda: {"fung": FUNG})
+    test = make(material("isotropic", E=250, nu=0.24), noise=0.01, frames=8, points=150)
+    options = {
+        "objective": "likelihood",
+        "material": "isotropic",
+        "starts": 1,
+        "setup": replace(setup, law="fung"),
+    }
+    found = fit(test, uncertainty={"thickness": 0.01}, **options)
+    moved = _moved_by_thickness(found, test, 0.01, **options)["E"]
+    # the share would be 6 % more
+    assert found.uncertainty.parts["E"]["thickness"] == pytest.approx(moved, rel=0.01)
 
 
 def test_a_larger_clamp_is_what_a_fit_with_it_finds(make: Maker, setup: Setup) -> None:

@@ -37,9 +37,10 @@ from bulgefit.errors import BulgefitError, InputError
 from bulgefit.fem.mesh import Mesh
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.scores import Scores
+from bulgefit.model.description import CONSTANTS
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import mesh_remainder
-from bulgefit.model.parameters import HELD_BY_DEFAULT, Material
+from bulgefit.model.parameters import HELD_BY_DEFAULT, Material, parameters_of
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -141,12 +142,13 @@ def uncertainty_of(
     for look in problem.objective.looks(shapes, names, group=scores.group):
         scores.add(look)
     value = problem.objective.value(shapes)
-    inverse, told = _inverse(scores.bread() + problem.pull(value, z)[0], ~at_bound)
+    pull = problem.pull(value, z)[0]
+    inverse, told = _inverse(scores.bread() + pull, ~at_bound)
     if problem.objective.count <= (~at_bound).sum() and not problem.priors:
         told[:] = False  # they are met whatever their errors, and tell none
     noise, freedom = scores.of_noise(inverse)
     blocks, of_blocks = scores.of_blocks(inverse)
-    shifts, mesh = _shifts(problem, z, shapes, scores, inverse, stated)
+    shifts, mesh = _shifts(problem, z, shapes, at_bound, scores, inverse, pull, stated)
     believed = inverse @ problem.scores_of_priors(value, z) @ inverse
     unknown = tuple(name for name in stated if name not in shifts)
     wider = np.sqrt(np.maximum(np.diag(noise), np.diag(blocks)))
@@ -242,11 +244,16 @@ def _shifts(
     problem: Problem,
     z: Floats,
     shapes: list[Shapes],
+    at_bound: NDArray[np.bool_],
     scores: Scores,
     inverse: Floats,
+    pull: Floats,
     stated: Mapping[str, float],
 ) -> tuple[dict[str, Floats], list[float] | None]:
-    """How far each uncertain thing moves the optimum, and what is left of the mesh's error, mm."""
+    """How far each uncertain thing moves the optimum, and what is left of the mesh's error, mm.
+
+    `pull` is the priors' Hessian: they draw back what is led away before the step.
+    """
     objective = problem.objective
     left = [mesh_remainder(v, s) for v, s in zip(objective.virtual, shapes, strict=True)]
     out: dict[str, Floats] = {}
@@ -256,14 +263,19 @@ def _shifts(
         rms = [np.sqrt((field**2).mean(axis=(0, 1))) for field in left if field is not None]
         mesh = np.max(rms, axis=0).tolist()
     for name, size in stated.items():
-        if name == "thickness":
-            # only E t is felt: moduli move by as much, the other way; displacements not at all
-            out[name] = _of_moduli(problem, z, size)
-            continue
+        led: Floats = np.zeros(problem.size)
+        softer = 1.0
+        if name == "thickness" and _frees_all_moduli(problem, at_bound):
+            # only E t is felt: softer by as much, all is seen where it was, and there is no more to
+            # move but what priors, or a law with a stiffness of its own, make of it
+            softer = 1.0 / (1.0 + size)
+            led = _of_moduli(problem, z, softer)
         try:
-            out[name] = _moved(problem, shapes, scores, inverse, _with_test(problem, z, name, size))
+            other = _with_test(problem, z, name, size, softer)
+            moved = _moved(problem, shapes, scores, inverse, other)
         except BulgefitError:
             continue  # the fit says so
+        out[name] = led + moved - inverse @ (pull @ led)
     return out, mesh
 
 
@@ -302,12 +314,13 @@ def _with_corrections(left: Sequence[Floats | None]) -> _Other:
     return other
 
 
-def _with_test(problem: Problem, z: Floats, name: str, size: float) -> _Other:
-    """The model of a test whose radius, pressures or Poisson's ratio are larger by its error."""
-    values = problem.of_tests(z)
-    if name == "nu12":
-        moved = _with_ratio(problem.material(z), size)
-        values = [{**own, **moved} for own in values]
+def _with_test(problem: Problem, z: Floats, name: str, size: float, softer: float) -> _Other:
+    """The model of a test of which one thing is larger by its error, with moduli times a factor."""
+    material = _with_factor(problem.material(z), softer)
+    constants = _with_ratio(material, size) if name == "nu12" else material.constants()
+    values = [{**own, **constants} for own in problem.of_tests(z)]
+    # with sensitivities a path differs by the solver's tolerance: this one is traced as that was
+    traced = [[n for n in names if n in CONSTANTS] for names in problem.names_of_tests()]
 
     def other(i: int, virtual: VirtualTest, _: Shapes) -> tuple[VirtualTest, Shapes]:
         if name == "nu12":
@@ -317,9 +330,15 @@ def _with_test(problem: Problem, z: Floats, name: str, size: float) -> _Other:
                 *_changed(virtual.test, virtual.setup, name, 1.0 + size), virtual.threads
             )
         twin.correction = virtual.correction
-        return twin, twin.shapes(values[i])
+        return twin, twin.shapes(values[i], traced[i])
 
     return other
+
+
+def _with_factor(material: Material, factor: float) -> Material:
+    """The same with every modulus times a factor."""
+    moduli = {name: factor * material.values[name] for name in _moduli(material.kind)}
+    return Material(material.kind, {**material.values, **moduli})
 
 
 def _with_ratio(material: Material, size: float) -> dict[str, float]:
@@ -330,22 +349,31 @@ def _with_ratio(material: Material, size: float) -> dict[str, float]:
 
 
 def _changed(test: BulgeTest, setup: Setup, name: str, factor: float) -> tuple[BulgeTest, Setup]:
-    """A test of other pressures, or of another clamp with the mesh that is given, as wide."""
+    """A test of other pressures or thickness, or of another clamp with the mesh given, as wide."""
     if name == "pressure":
         return replace(test, pressure=test.pressure * factor), setup
+    if name == "thickness":
+        return replace(test, thickness=test.thickness * factor), setup
     if setup.mesh is not None:
         setup = replace(setup, mesh=Mesh(setup.mesh.nodes * factor, setup.mesh.cells))
     return replace(test, radius=test.radius * factor), setup
 
 
-def _of_moduli(problem: Problem, z: Floats, size: float) -> Floats:
-    """Change of the coordinates where every modulus is larger by a share."""
+def _moduli(kind: str) -> list[str]:
+    return [p.name for p in parameters_of(kind) if p.unit == "MPa"]
+
+
+def _frees_all_moduli(problem: Problem, at_bound: NDArray[np.bool_]) -> bool:
+    """Whether no modulus is held, by a value or by a bound: others do not make up for it."""
+    free = {p.name for p, at in zip(problem.free, at_bound, strict=True) if not at}
+    return free.issuperset(_moduli(problem.kind))
+
+
+def _of_moduli(problem: Problem, z: Floats, factor: float) -> Floats:
+    """Change of the coordinates where every modulus is another by a factor."""
     values = problem.values(z)
-    grown = {
-        p.name: values[p.name] * (1.0 + size) if p.unit == "MPa" else values[p.name]
-        for p in problem.free
-    }
-    return problem.coordinates(grown) - z
+    others = {name: factor * values[name] for name in _moduli(problem.kind)}
+    return problem.coordinates({**values, **others}) - z
 
 
 def _described(
