@@ -167,6 +167,37 @@ def test_another_measurement_does_not_go_on(
     assert run(*words, "--force") == 0
 
 
+@pytest.fixture
+def lab(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package that adds a law is installed: what it says of itself."""
+    place = tmp_path_factory.mktemp("site")
+    monkeypatch.syspath_prepend(place)
+    return says(place / "lab-1.0.dist-info", "1.0")
+
+
+def says(place: Path, version: str) -> Path:
+    place.mkdir(exist_ok=True)
+    (place / "METADATA").write_text(f"Metadata-Version: 2.1\nName: lab\nVersion: {version}\n")
+    (place / "entry_points.txt").write_text("[bulgefit.laws]\nfung = bulge_lab.fung:FUNG\n")
+    return place
+
+
+def test_another_version_of_a_package_that_adds_does_not_go_on(
+    folder: Path, lab: Path, interrupt: Any, capsys: Any
+) -> None:
+    words = [*COMMANDS["crossval"], *SEARCH, "--json", "out.json"]
+    interrupt(2)
+    assert run(*words) == 130
+    says(lab, "1.1")
+    assert run(*words, "--resume") == 2
+    assert 'is of another run, with versions lab "1.0", not "1.1"' in capsys.readouterr().err
+    (lab / "entry_points.txt").unlink()
+    assert run(*words, "--resume") == 2
+    assert 'is of another run, with versions lab "1.0", not null' in capsys.readouterr().err
+    says(lab, "1.0")
+    assert run(*words, "--resume") == 0
+
+
 def test_resume_needs_a_place(folder: Path, capsys: Any) -> None:
     assert run(*COMMANDS["fit"], *SEARCH, "--resume") == 2
     assert "--resume: name --journal FILE, or --json" in capsys.readouterr().err

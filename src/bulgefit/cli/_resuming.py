@@ -139,7 +139,7 @@ def _asked(args: argparse.Namespace, verb: str, tests: Sequence[BulgeTest]) -> M
                 beside[name] = checksum_of(file)
     return {
         "verb": verb,
-        "versions": versions(),
+        "versions": {**versions(), **_added()},
         "option": {
             name.replace("_", "-"): value
             for name, value in sorted(vars(args).items())
@@ -147,3 +147,16 @@ def _asked(args: argparse.Namespace, verb: str, tests: Sequence[BulgeTest]) -> M
         },
         "checksum of": {**{test.source: test.checksum for test in tests}, **beside},
     }
+
+
+def _added() -> dict[str, str]:
+    """Versions of installed packages that add effects, laws or readers, by their names."""
+    from importlib.metadata import entry_points
+
+    from bulgefit.dic.formats import plugins
+    from bulgefit.effects import registry as effects
+    from bulgefit.fem.laws import registry as laws
+
+    points = [p for room in (effects, laws, plugins) for p in entry_points(group=room.GROUP)]
+    found = {point.dist.name: point.dist.version for point in points if point.dist}
+    return dict(sorted(found.items()))
