@@ -264,12 +264,9 @@ def _trust(data: Data, modelled: Floats, shapes: Shapes) -> Floats:
     effect being free, is variance of the model. So it is where what is left of the mesh's error is
     more than the noise: near a limit of stability shapes hang on all that is small.
     """
-    doubtful = np.zeros(len(data.used), dtype=bool)
+    doubtful = data.hangs_on_mesh
     if shapes.wrinkled is not None:
         doubtful |= shapes.wrinkled > 0.0
-    if data.mesh is not None:
-        error = np.where(data.used, data.mesh / data.sigma, 0.0)
-        doubtful |= (error**2).mean(axis=1).max(axis=1) > 1.0
     units = np.where(data.used, (data.specimen.measured - modelled) / data.sigma, np.nan)
     seen = data.used.any(axis=(1, 2))
     square = np.ones(len(units))
