@@ -177,7 +177,7 @@ def traced(
             return _ended(tracer, stopped, shown)
     except NewtonError as error:
         nowhere = StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
-        return Traced(None, solve_error(tracer, nowhere, shown))
+        return Traced(None, solve_error(nowhere, shown))
     within = within or elliptic(begun)
     return _settled(tracer, within, np.cbrt(high), shown)
 
@@ -210,7 +210,7 @@ def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, floa
 def _ended(tracer: Tracer, stopped: StoppedError, shown: Mapping[str, float]) -> Traced:
     """The levels that were found, and why there are no more."""
     path = _path(tracer, np.inf) if tracer.levels else None
-    return Traced(path, solve_error(tracer, stopped, shown), stopped.shape)
+    return Traced(path, solve_error(stopped, shown), stopped.shape)
 
 
 def _refused(stiffness: Floats, low: float, shown: Mapping[str, float]) -> SolveError | None:

@@ -102,7 +102,6 @@ def regress(
     start: Mapping[Key, float],
     near: Sequence[Shapes] | None = None,
     iterations: int = MAX_ITERATIONS,
-    known: Sequence[Prediction] | None = None,
 ) -> Regression:
     """Least squares by Gauss-Newton steps within the plausible ranges.
 
@@ -117,8 +116,6 @@ def regress(
         Of a neighbouring parameter set.
     iterations : int
         Most steps.
-    known : sequence of Prediction, optional
-        At the start, with derivatives by `keys`, where they are known already.
 
     Raises
     ------
@@ -130,7 +127,7 @@ def regress(
     values = dict(start)
     for key, (low, high) in zip(keys, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
-    predictions = list(known) if known is not None else _predict(data, keys, values, near)
+    predictions = _predict(data, keys, values, near)
     here = _Point(values, predictions, normal_equations(data, predictions, keys))
     converged = not keys
     if keys:

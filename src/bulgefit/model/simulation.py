@@ -19,7 +19,7 @@ from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh
 from bulgefit.fem.path import Path
-from bulgefit.fem.relaxation import SLACK, TAUT, point_response
+from bulgefit.fem.relaxation import TAUT, point_response
 from bulgefit.fem.trace import TOLERANCE
 from bulgefit.model.description import Description, checked
 from bulgefit.model.inflation import Inflation
@@ -180,7 +180,6 @@ class Simulation(Drawn):
                 c[at][0, 0], c[at][1, 1], c[at][0, 1], q, law, membrane.relaxation, out[at]
             )
         e11, e22, shear = law.strain(np.array([c[..., 0, 0], c[..., 1, 1], c[..., 0, 1]]))
-        share = np.where(state == SLACK, 1, state != TAUT)
         return {
             "strain_11": e11.mean(axis=1),
             "strain_22": e22.mean(axis=1),
@@ -188,7 +187,7 @@ class Simulation(Drawn):
             "stress_11": out[..., 1].mean(axis=1),
             "stress_22": out[..., 2].mean(axis=1),
             "stress_12": out[..., 3].mean(axis=1),
-            "wrinkled": share.mean(axis=1),
+            "wrinkled": (state != TAUT).mean(axis=1),
         }
 
 

@@ -366,7 +366,7 @@ class VirtualTest:
         return heights_seen(reference, places, radius, active_effects(values, nulls)), out
 
     def operators_at(
-        self, values: Values, active: Active, block: int, *, gradients: bool
+        self, active: Active, block: int, *, gradients: bool
     ) -> tuple[Operators, Places]:
         """Operators from the nodes to the points of a block, and where those are; kept."""
         where = tuple(
@@ -437,9 +437,7 @@ class Sight:
         self.reference = np.asarray(measured.reference, dtype=np.float64)[some]
         self.moves = [n for n in names if _uses(n, *_PLACING)]
         self.active = active_effects(shapes.values, virtual.nulls())
-        made, places = virtual.operators_at(
-            shapes.values, self.active, block, gradients=bool(self.moves)
-        )
+        made, places = virtual.operators_at(self.active, block, gradients=bool(self.moves))
         self.operators, self.places = made.of_points(some), _some(places, some)
         field = shapes.displacement
         if virtual.correction is not None:

@@ -56,9 +56,7 @@ def given_up(tracer: Tracer, error: NewtonError, s: float) -> StoppedError:
     return StoppedError(error.reason, error.cause, s, tracer.levels[-1].s, error)
 
 
-def solve_error(
-    tracer: Tracer, stopped: StoppedError, parameters: Mapping[str, float]
-) -> SolveError:
+def solve_error(stopped: StoppedError, parameters: Mapping[str, float]) -> SolveError:
     return SolveError(
         f"no equilibrium: {stopped.reason}",
         cause=stopped.cause,

@@ -397,11 +397,11 @@ def _lost(before: Shapes, after: Shapes) -> int | None:
     return int(lost[0]) if len(lost) and before.values != after.values else None
 
 
-def _no_shape(reason: str, values: Mapping[str, float], pressure: float = 0.0) -> SolveError:
+def _no_shape(reason: str, values: Mapping[str, float]) -> SolveError:
     return SolveError(
         reason,
-        pressure=pressure,
-        reached=pressure,
+        pressure=0.0,
+        reached=0.0,
         iteration=0,
         residual_norm=0.0,
         parameters=values,
