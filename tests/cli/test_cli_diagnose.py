@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -174,6 +175,25 @@ def test_a_held_out_test_is_met(folder, capsys):
     kept = json.loads((folder / "gap.json").read_text())["holdout"]
     assert kept["parameters"]["rigid_motion.shift_x"]["value"] == pytest.approx(0.5, abs=0.01)
     assert kept["explained"]["e_w"] < 0.1 * kept["baseline"]["e_w"]
+
+
+def test_what_was_kept_out_is_told_by_its_checksum(folder):
+    """In the JSON and on the page, also of one that has the name of the other."""
+    (folder / "kept").mkdir()
+    name = "kept/good.npz"
+    np.savez(name, **{**arrays(), "displacement": arrays()["displacement"] + [0.3, 0, 0]})
+    words = ["diagnose", "good.npz", *EFFECTS, "--workers", "1", "--holdout", name]
+    assert main([*words, "--json", "gap.json", "--report", "gap.html", "--quiet"]) == 0
+    record = json.loads((folder / "gap.json").read_text())
+    ours, kept = (hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in ("good.npz", name))
+    assert record["meta"]["checksums"] == {"good": ours, "kept/good": kept}
+    assert [test["sha256"] for test in record["report"]["tests"]] == [ours]
+    assert record["report"]["kept_out"]["sha256"] == kept
+    assert main(["report", "gap.json", "--output", "again.html"]) == 0
+    for page in ("gap.html", "again.html"):
+        text = (folder / page).read_text()
+        assert "SHA-256 of kept/good (kept/good.npz)" in text
+        assert kept in text
 
 
 def test_a_held_out_test_that_is_too_small_is_refused_at_once(folder, capsys, monkeypatch):

@@ -473,6 +473,7 @@ def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
     (test,) = offset.tests
     found = diagnose(test, holdout=test, effects=CANDIDATES)
     assert found.holdout is None
+    assert found.kept_out is not None
     assert [c.effect for c in found.causes] == ["pressure_offset"]
     (warning,) = found.warnings
     assert "the held-out test could not be met with what was found: no equilibrium" in warning

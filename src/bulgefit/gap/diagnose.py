@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.given import GivenTests, given_tests
+from bulgefit.dic.given import GivenTests, distinctly_named, given_tests
 from bulgefit.effects.base import Effect
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
@@ -107,6 +107,8 @@ def diagnose(
     wanted = chosen_effects(effects)
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
+    if holdout is not None:
+        *_, holdout = distinctly_named([*given, holdout])
     _same_ratio(given if holdout is None else [*given, holdout])
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
@@ -173,6 +175,7 @@ def diagnose(
         seed=seed,
         seconds=time.perf_counter() - began,
         holdout=met,
+        kept_out=holdout,
         warnings=[
             *left_out([*prepared, *([kept_out] if kept_out else [])]),
             *in_doubt(prepared, found),

@@ -11,7 +11,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import dataframe, labelled
 from bulgefit.dic.suspicions import alarms
 from bulgefit.errors import InputError
-from bulgefit.fitting.result import describe_tests, versions
+from bulgefit.fitting.result import versions
 from bulgefit.gap.as_json import (
     cells_dict,
     field_dict,
@@ -66,6 +66,8 @@ class Diagnosis(Drawn):
     skipped : dict of effect to why
     holdout : HeldOutTest or None
         How a specimen that was kept out is met.
+    kept_out : BulgeTest or None
+        That specimen, also where it could not be met.
     """
 
     verdict: Verdict
@@ -84,12 +86,18 @@ class Diagnosis(Drawn):
     seed: int
     seconds: float
     holdout: HeldOutTest | None = None
+    kept_out: BulgeTest | None = None
     warnings: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         names = ", ".join(test.name for test in self.tests)
         causes = "; ".join(f"{c.effect} {c.probability:.3g}" for c in self.causes) or "no causes"
         return f"Diagnosis of {names}: {self.verdict} ({causes})"
+
+    @property
+    def went_in(self) -> list[BulgeTest]:
+        """The tests, and the one that was kept out."""
+        return self.tests if self.kept_out is None else [*self.tests, self.kept_out]
 
     def to_dataframe(self) -> Any:
         """A row a parameter: the moduli with the causes, and each cause's own.
@@ -183,7 +191,7 @@ class Diagnosis(Drawn):
             "meta": {
                 "versions": versions(),
                 "seed": self.seed,
-                "checksums": {t["name"]: t["sha256"] for t in describe_tests(self.tests)},
+                "checksums": {test.name: test.checksum for test in self.went_in},
                 "seconds": self.seconds,
             },
         }

@@ -37,15 +37,17 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as JSON types, with `report`: what its pictures and words need beside.
 
     `report` has `tests` (as a fit describes them, with the clamp's semi-axes, the pressures in bar
-    that were judged and the trust in those frames), `candidates` (effects that were weighed),
-    `values` of all freed parameters before and after (`effect.parameter@i` is test i's own),
-    `budget` (e_w in mm from the moduli alone over each effect), by test `cells` and `modes` of the
-    residual before and after and `mesh`, and `structure`.
+    that were judged and the trust in those frames), `kept_out` (the one that took no part, where
+    there is one), `candidates` (effects that were weighed), `values` of all freed parameters before
+    and after (`effect.parameter@i` is test i's own), `budget` (e_w in mm from the moduli alone over
+    each effect), by test `cells` and `modes` of the residual before and after and `mesh`, and
+    `structure`.
     """
     found = diagnosis.explanation
     data = [p.data for p in diagnosis.prepared]
     rest = found.remainder
     fits = {"baseline": found.baseline, "final": found.final}
+    tests = describe_tests(diagnosis.went_in)
     return {
         **diagnosis.to_dict(),
         "report": {
@@ -56,8 +58,9 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
                     "judged_bar": (10.0 * d.specimen.recorded).tolist(),
                     "trust": d.share.tolist(),
                 }
-                for described, d in zip(describe_tests(diagnosis.tests), data, strict=True)
+                for described, d in zip(tests[: len(data)], data, strict=True)
             ],
+            **({} if diagnosis.kept_out is None else {"kept_out": tests[-1]}),
             "candidates": _candidates(diagnosis),
             "law": data[0].specimen.setup.law,
             "values": {name: _values(fit) for name, fit in fits.items()},

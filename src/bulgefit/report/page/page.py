@@ -57,7 +57,16 @@ def sources_of(result: Result, where: str = "result") -> list[dict[str, Any]]:
     """
     verb = verb_of(result, where)
     told = checked_record(result, where)["report"].get("tests") if verb == "diagnose" else None
-    found = result.get("sources", []) if told is None else told
+    return _checked(result.get("sources", []) if told is None else told, where)
+
+
+def _kept_out_of(result: Result, verb: str, where: str) -> list[dict[str, Any]]:
+    """The same of the test that a diagnosis kept out, of which there are no maps."""
+    kept = result["report"].get("kept_out") if verb == "diagnose" else None
+    return [] if kept is None else _checked([kept], where)
+
+
+def _checked(found: Any, where: str) -> list[dict[str, Any]]:
     needed = {"name", "source", "sha256"}
     if not isinstance(found, list) or any(
         not isinstance(source, dict) or needed - source.keys() for source in found
@@ -94,7 +103,7 @@ def page_html(
         The result is damaged, or of no verb that has a page.
     """
     verb = verb_of(result, where)
-    sources = sources_of(result, where)
+    sources = [*sources_of(result, where), *_kept_out_of(result, verb, where)]
     with _damage_told(where, verb) if where else nullcontext():
         page, origin = _PAGES[verb][1](result), _origin(result, sources, where)
     fields = _fields(result, verb, tests)
