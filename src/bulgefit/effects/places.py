@@ -201,7 +201,7 @@ class Scene:
     reference : (n, 3) array, mm
         Where the points were seen before inflation.
     position : (n, 2) array, mm
-        Where they are in the cameras' frame, scale and lens undone.
+        Where they are in the cameras' frame, the lens undone.
     standing : (n, 3) array, mm
         Where they stand when the frame turns: at the initial height.
     pressure : (frames,) array, MPa
@@ -210,7 +210,8 @@ class Scene:
         Of all frames of the test, of which these may be some.
     radius : float, mm
     turn, shift : (frames, 3) arrays, degree and mm
-        Rotation vector and shift of the frame, from all effects together: applied last.
+        Rotation vector and shift of the frame, from all effects together: applied before what the
+        cameras make of it (lens, depth, axes).
     elapsed : (frames,) array or None
         Share of the test's time that has passed.
     """

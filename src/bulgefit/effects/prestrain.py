@@ -11,7 +11,10 @@ __all__ = ["EFFECT"]
 
 
 class Prestrain(Effect):
-    """Stress-free excess log strain along warp and fill: the elastic strain is e - slack."""
+    """Stress-free excess strain along warp and fill: the elastic strain is e - slack.
+
+    By the law's own measure, logarithmic but for svk, whose is Green-Lagrange's.
+    """
 
     id = "prestrain"
     place = "clamp"
