@@ -2,7 +2,7 @@
 A first fit
 ===========
 
-One measured test goes in, three moduli come out, each with what it is worth.
+One test goes in, three moduli come out, each with what it is worth.
 """
 
 from pathlib import Path
@@ -15,7 +15,8 @@ import bulgefit
 # The example that comes with bulgefit was made with E1 = 330, E2 = 240 and G12 = 30 MPa and noise,
 # so we know what has to come out. `read_test` takes your own files just as well: see the next
 # example.
-home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+here = Path.cwd()
+home = next(f for f in [here, *here.parents] if (f / "data" / "example_bulge.npz").is_file())
 test = bulgefit.read_test(home / "data" / "example_bulge.npz")
 print(test)
 

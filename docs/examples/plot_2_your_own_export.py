@@ -13,7 +13,8 @@ import numpy as np
 
 import bulgefit
 
-home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+here = Path.cwd()
+home = next(f for f in [here, *here.parents] if (f / "data" / "example_bulge.npz").is_file())
 made = bulgefit.read_test(home / "data" / "example_bulge.npz")
 (block,) = made.blocks
 
@@ -50,8 +51,8 @@ assert np.allclose(test.pressure, made.pressure, atol=1e-5)
 # Fit
 # ---
 # A fabric whose warp and fill lie along x and y does not mind a mirrored axis, so the moduli are
-# the same; with a turned warp they would not be. `bulgefit convert export test.npz --flip y` mends
-# the file.
+# the same; with a turned warp they would not be. Positions and displacements are mirrored alike, so
+# `bulgefit convert export test.npz --radius 100 --thickness 0.81 --flip y,dy` mends the file.
 result = bulgefit.fit(test, starts=1)
 print(result.report())
 assert abs(result.material.values["E1"] - 330.0) < 1.0

@@ -1,9 +1,9 @@
 """
-Five ways a fit goes wrong
+Four ways a fit goes wrong
 ==========================
 
-A fit always returns numbers. Here the same test is spoilt in five ways that happen in labs, and
-the first lines of each report say what happened.
+A fit always returns numbers. Here the same test is spoilt in four ways that happen in labs, and
+the first lines of each report say what happened. A fifth looks as bad and does no harm.
 """
 
 from pathlib import Path
@@ -12,7 +12,8 @@ import numpy as np
 
 import bulgefit
 
-home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+here = Path.cwd()
+home = next(f for f in [here, *here.parents] if (f / "data" / "example_bulge.npz").is_file())
 test = bulgefit.read_test(home / "data" / "example_bulge.npz")
 (block,) = test.blocks
 
@@ -56,13 +57,28 @@ assert result.quality.misfit_over_noise < 1.1
 # A dead gauge
 # ------------
 # From the middle of the test on the gauge kept its last value: the fabric goes on rising.
-stuck = np.minimum(test.pressure, test.pressure[7] + 1e-6 * np.arange(len(test.pressure)))
+stuck = np.minimum(test.pressure, test.pressure[7])
 codes, result = first_lines(spoilt("stuck", pressure=stuck))
+assert "pressure_stuck" in codes
 assert result.quality.misfit_over_noise > 10.0
 
 # %%
-# Half the field lost
-# -------------------
+# Not identifiable
+# ----------------
+# Three points about the apex hardly tell E1 from E2: the fabric is stretched along both yarns, and
+# what one modulus lacks the other makes up for. Neither is known to better than some ten per cent.
+near = np.argsort(np.hypot(block.reference[:, 0], block.reference[:, 1]))[:3]
+codes, result = first_lines(
+    spoilt("apex", reference=block.reference[near], displacement=block.displacement[:, near])
+)
+print(result.report())
+assert "inseparable" in codes
+for name in ("E1", "E2"):
+    assert result.uncertainty.stderr[name] > 0.05 * result.material.values[name]
+
+# %%
+# No harm: half the field lost
+# ----------------------------
 # The right half was in the shade. Nothing is wrong with that: the moduli stay right, their
 # intervals get wider.
 seen = np.where(block.reference[:, :1] < 0.0, block.displacement, np.nan)
@@ -73,15 +89,3 @@ for name, true in {"E1": 330.0, "E2": 240.0, "G12": 30.0}.items():
     print(f"{name}: {result.material.values[name]:.2f} ± {error:.2g} MPa")
     assert abs(result.material.values[name] - true) < 4.0 * error
     assert error > whole.uncertainty.stderr[name]
-
-# %%
-# Not identifiable
-# ----------------
-# Nine points about the apex do not tell E1 from E2 from G12: there the fabric is stretched along
-# both yarns and hardly sheared.
-near = np.argsort(np.hypot(block.reference[:, 0], block.reference[:, 1]))[:9]
-codes, result = first_lines(
-    spoilt("apex", reference=block.reference[near], displacement=block.displacement[:, near])
-)
-print(result.report())
-assert "cannot" in result.report() or "hardly" in result.report()

@@ -12,7 +12,8 @@ import numpy as np
 
 import bulgefit
 
-home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+here = Path.cwd()
+home = next(f for f in [here, *here.parents] if (f / "data" / "example_bulge.npz").is_file())
 test = bulgefit.read_test(home / "data" / "example_bulge.npz")
 found = bulgefit.measure(test)
 print(found)

@@ -14,7 +14,8 @@ import pyvista
 
 import bulgefit
 
-home = next(folder for folder in [Path.cwd(), *Path.cwd().parents] if (folder / "data").is_dir())
+here = Path.cwd()
+home = next(f for f in [here, *here.parents] if (f / "data" / "example_bulge.npz").is_file())
 test = bulgefit.read_test(home / "data" / "example_slip.npz")
 
 # %%
