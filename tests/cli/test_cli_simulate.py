@@ -402,3 +402,16 @@ def test_read_only_folder(tmp_path, capsys):
     tmp_path.chmod(0o755)
     assert "cannot be written (Permission denied)" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("law", "elliptic"), [("hencky", [True, False]), ("svk", [True, True])])
+def test_bands_of_shear_are_warned_of_where_the_law_is_not_elliptic(law, elliptic, capsys):
+    """By `hencky` from 0.71 bar on (docs/verification.md), though the tangent stays definite."""
+    words = [*MATERIAL, "--law", law, "--pressure", "0.69,0.73"]
+    assert run(*words, "--json", "-") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["elliptic"] == elliptic
+    assert found["stable"] is True
+    assert run(*words) == 0
+    warning = "not elliptic at 1 of 2 pressures, the lowest of them 0.73 bar"
+    assert (warning in capsys.readouterr().out) is not all(elliptic)

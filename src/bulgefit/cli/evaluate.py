@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = (
         "examples:\n"
-        "  bulgefit evaluate test1.npz --E1 303 --E2 229 --G12 5\n"
+        "  bulgefit evaluate test1.npz --E1 303 --E2 229 --G12 30\n"
         "  bulgefit evaluate test1.npz test2.npz --E 250 --nu 0.24 --law svk --json -\n"
         "  bulgefit evaluate test1.npz --undeformed"
     )

@@ -53,7 +53,7 @@ verbs:
 examples:
   bulgefit info test.npz
   bulgefit fit test.npz --objective e_w --json fit.json
-  bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3
+  bulgefit simulate --E1 303 --E2 229 --G12 30 --nu12 0.24 --pressure 0.5,1,2,3
 
 `bulgefit VERB --help` tells what a verb takes. Exit status: 0 done, 2 bad input or no solution
 (one line on stderr says which), 130 interrupted, 143 terminated."""

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  bulgefit show test.npz bulge.png --field strain_xx\n"
         "  bulgefit show test.npz bulge.gif\n"
-        "  bulgefit show test.npz bulge.png --field dx --E1 303 --E2 229 --G12 5\n"
+        "  bulgefit show test.npz bulge.png --field dx --E1 303 --E2 229 --G12 30\n"
         "  bulgefit show test.npz bulge.pvd --from gap.json"
     )
     add_test_argument(parser)

@@ -35,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = (
         "examples:\n"
-        "  bulgefit simulate --E1 303 --E2 229 --G12 5 --nu12 0.24 --pressure 0.5,1,2,3\n"
+        "  bulgefit simulate --E1 303 --E2 229 --G12 30 --nu12 0.24 --pressure 0.5,1,2,3\n"
         "  bulgefit simulate --E 250 --nu 0.24 --law svk --pressure 3 --json -\n"
-        "  bulgefit simulate --E1 303 --E2 229 --G12 5 --pressure 1,3 --output path.pvd \\\n"
+        "  bulgefit simulate --E1 303 --E2 229 --G12 30 --pressure 1,3 --output path.pvd \\\n"
         "      --picture bulge.png\n\n"
         "A path.npz is itself a bulge test without noise, so the other verbs read it too."
     )
@@ -285,6 +285,7 @@ def _payload(
         "factorisations": result.factorisations,
         "seconds": round(result.seconds, 6),
         "stable": result.stable,
+        "elliptic": result.elliptic,
         "wrinkled_points": result.wrinkled,
         "error_estimate_mm": result.error,
         "mesh_error_taken_off_mm": result.mesh_error_taken_off,
@@ -351,6 +352,12 @@ def _table(args: argparse.Namespace, result: Simulation, pressures: list[float])
         taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
         left = "unknown" if error is None else f"{plain(1000 * error, 2)} µm"
         lines.append(f"mesh: up to {taken} µm of its error taken off, {left} left")
+    if not result.elliptic.all():
+        lost = [p for p, kept in zip(pressures, result.elliptic, strict=True) if not kept]
+        lines.append(
+            f"the law is not elliptic at {len(lost)} of {len(pressures)} pressures, the lowest of "
+            f"them {min(lost):g} bar:\nbands of shear may form there, and shapes depend on the mesh"
+        )
     if not result.stable:
         lines.append(
             "on this path the tangent is not positive definite somewhere: not all shapes are stable"

@@ -57,6 +57,9 @@ class Simulation(Drawn):
         Gauss points (4 a cell) without tension in some direction.
     stable : bool
         Whether all shapes are stable.
+    elliptic : (k,) bool array
+        Whether the law is elliptic all over each shape: where it is not, nothing keeps the fabric
+        from bands of shear, and shapes depend on the mesh.
     factorisations : int
         Spent on the shapes, those of other meshes left out.
     seconds : float, s
@@ -76,6 +79,7 @@ class Simulation(Drawn):
     error: float
     wrinkled: NDArray[np.int64]
     stable: bool
+    elliptic: NDArray[np.bool_]
     factorisations: int
     seconds: float
     mesh_error_taken_off: float | None
@@ -129,6 +133,7 @@ class Simulation(Drawn):
             "apex_mm": self.apex.tolist(),
             "wrinkled": self.wrinkled.tolist(),
             "stable": self.stable,
+            "elliptic": self.elliptic.tolist(),
             "error_mm": self.error,
             "mesh_error_mm": self.mesh_error,
         }
@@ -289,6 +294,9 @@ def _simulated(
             membrane.state(u, p, given.stiffness, tangent=False).wrinkled
             for u, p in zip(shapes.displacement, balanced, strict=True)
         ]
+        elliptic = [
+            membrane.acoustic_margin(u, given.stiffness) >= 0.0 for u in shapes.displacement
+        ]
     displacement, correction = shapes.displacement, virtual.correction
     return Simulation(
         membrane=membrane,
@@ -298,6 +306,7 @@ def _simulated(
         error=shapes.error,
         wrinkled=np.array(wrinkled),
         stable=bool(shapes.stable.all()),
+        elliptic=np.array(elliptic),
         factorisations=shapes.factorisations,
         seconds=time.perf_counter() - began,
         mesh_error_taken_off=None if correction is None else float(np.abs(correction).max()),
