@@ -190,7 +190,7 @@ def test_what_a_mesh_leaves_is_forgotten_where_it_is_not_known_any_more(
     assert prepared.data.mesh is None
 
 
-def test_images_at_rest_that_lack_a_component_areleft_out(points: np.ndarray) -> None:
+def test_images_at_rest_that_lack_a_component_are_left_out(points: np.ndarray) -> None:
     rng = np.random.default_rng(4)
     rest = rng.normal(size=(4, len(points), 3)) * SIGMA
     rest[1, :, 2] = np.nan

@@ -1,0 +1,32 @@
+"""Do the pages name what there is?"""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+VERIFICATION = (DOCS / "verification.md").read_text(encoding="utf-8")
+CHANGES = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_tests_that_are_named_exist():
+    texts = {
+        path.name: path.read_text(encoding="utf-8")
+        for path in Path(__file__).parent.rglob("test_*.py")
+    }
+    named = set(re.findall(r"`(test_\w+\.py)::(test_\w+)", VERIFICATION))
+    assert len(named) > 100
+    for file, name in sorted(named):
+        assert f"def {name}(" in texts[file], name
+
+
+def test_mutants_that_are_told_are_those_that_are_tried():
+    mutants = runpy.run_path(str(ROOT / "benchmarks" / "mutations.py"))["MUTANTS"]
+    rows = [line for line in VERIFICATION.splitlines() if re.search(r"\| `test_\w+\.py::", line)]
+    for row, one in zip(rows, mutants, strict=True):
+        assert row.startswith(f"| `{one.file}` | `{one.old}` | `{one.new}` | ")
+    assert f"each of its {len(mutants)} mutants" in VERIFICATION
+    assert f"evidence in {len(mutants)} ways" in CHANGES
