@@ -13,10 +13,9 @@ from typing import Any
 
 #: What is to be known of a round beside its answers.
 NOTES = {
-    "round2": "Run once, two at a time on two cores, and kept as it came. `clothB` and `clothC` "
-    "have no answer: a descent went to a shear modulus of 1e-6 MPa, where a difference of 1e-3 MPa "
-    "led below zero, which ended the diagnosis. Such steps are refused now; the round was not run "
-    "again."
+    "round2": "Each was run once, two at a time on two cores. `clothB` and `clothC` have no "
+    "answer: at a shear modulus of 1e-6 MPa a difference of 1e-3 MPa leads below zero. Such steps "
+    "are refused now; these answers are of before."
 }
 
 
@@ -61,8 +60,8 @@ def main() -> None:
         [
             "# Withheld tests of another program",
             f"Made by `python benchmarks/blind_table.py {args.answers.as_posix()}` of what "
-            "`benchmarks/blind_round.py` kept. Whoever works on bulgefit has neither the truth of "
-            "these tests nor looked at them otherwise. Specimens of one cloth are judged together.",
+            "`benchmarks/blind_round.py` kept. The truth of these tests is not known here, so that "
+            "nothing is scored. Specimens of one cloth are judged together.",
             NOTES.get(args.answers.stem, ""),
             "\n".join("| " + " | ".join(line) + " |" for line in lines),
         ]

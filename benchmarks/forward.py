@@ -232,15 +232,14 @@ against them.
 
 A path of the whole is not at 1.5 times the limit. A factor serves a whole level, at the price of
 more residuals and substitutions, which are cheaper than it: that lowers the limit more than the
-path. When the factor was renewed for every correction (12 factorisations, svk; slower kernels), the
-path took half as long again. LAPACK's band alone is above the limit, which is PARDISO's. The rest
-are substitutions, which read the whole factor from beyond the second cache twice, tangents, whose
-78 entries a cell go to scattered places of a band that is cleared first, and residuals. "Slope's
-too": the path's slope is found by the way, with a second right-hand side."""
+path. Beside factorisations there are substitutions, which read the whole factor from beyond the
+second cache twice, tangents, whose 78 entries a cell go to scattered places of a band that is
+cleared first, and residuals. "Slope's too": the path's slope is found by the way, with a second
+right-hand side."""
 
 
-#: What FEniCSx took on the machine for which times are wanted, s.
-FENICSX_ONCE = 5.7
+#: How many times what FEniCSx takes for the levels compiling may take: 15 s where that takes 5.7 s.
+COMPILING = 15.0 / 5.7
 
 #: Peers' scripts, and how many times faster is wanted.
 PEERS = {"fenicsx": ("FEniCSx", 40), "felupe": ("felupe", 90), "calculix": ("CalculiX", None)}
@@ -355,8 +354,7 @@ def _in_fenicsx(seconds_: float, fenicsx: float | None) -> list[str]:
         return []
     return [
         f"Compiling takes {seconds_ / fenicsx:.1f} times what FEniCSx took just before for the "
-        f"levels above. The 15 s were wanted where it took {FENICSX_ONCE:g} s, which is "
-        f"{15.0 / FENICSX_ONCE:.1f} times.",
+        f"levels above (wanted: {COMPILING:.1f} times).",
         "",
     ]
 
