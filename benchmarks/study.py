@@ -462,7 +462,8 @@ def heading(study: Study) -> list[str]:
         "Four bulge tests on VALMEX 7318 (PVC-coated polyester). The model is ours: Q4 membrane, "
         "Hencky law, nu12 = 0.24, the study's own mesh of "
         f"{len(study.mesh.nodes)} nodes, its radial basis functions and its linear interpolation "
-        "between 200 pressures. The data are the study's: fields averaged in bins of 7.41 mm at 20 "
+        "between 200 pressures. The data are the study's, from its open repository "
+        "`inv_bubble_opt` (C. Jekel, 2019, MIT licence): fields averaged in bins of 7.41 mm at 20 "
         "pressures for e and e_w, the apex in every recorded frame for e_z.",
         "",
         f"Weights of dx, dy, dz in e_w: {', '.join(f'{w:g}' for w in WEIGHTS)}, those of the "
