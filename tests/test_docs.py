@@ -6,6 +6,8 @@ import re
 import runpy
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 VERIFICATION = (DOCS / "verification.md").read_text(encoding="utf-8")
@@ -30,3 +32,21 @@ def test_mutants_that_are_told_are_those_that_are_tried():
         assert row.startswith(f"| `{one.file}` | `{one.old}` | `{one.new}` | ")
     assert f"each of its {len(mutants)} mutants" in VERIFICATION
     assert f"evidence in {len(mutants)} ways" in CHANGES
+
+
+def test_every_page_is_linked_from_the_index():
+    """For a code host, which draws no table of contents, and for the site, which hides it."""
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    pages = {path.name for path in DOCS.glob("*.md")} - {"index.md"}
+    examples = {f"examples/{path.name}" for path in (DOCS / "examples").glob("plot_*.py")}
+    assert set(re.findall(r"\]\(([^)]+)\)", index)) == pages | examples
+    listed = re.findall(r"^(\w+)$", index, re.MULTILINE)
+    assert sorted(f"{name}.md" for name in listed) == sorted(pages)
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("*.md")))
+def test_links_of_pages_lead_somewhere(page):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+        if not target.startswith("https://"):
+            assert (DOCS / target).exists(), target
