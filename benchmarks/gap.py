@@ -19,7 +19,7 @@ import argparse
 import json
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from math import erfc, sqrt
@@ -42,6 +42,8 @@ FIELDS = {1: "valmex_test1_binned", 2: "valmex_test2_recorded", 4: "valmex_test4
 LAW = "hencky"
 #: Strains (%) at which the law is told in docs/gap.md.
 STRAINS = (1.0, 2.0, 3.0, 5.0)
+#: Parameters of a cause that are told.
+MOST = 6
 #: Prior widths beyond which a parameter is told.
 WIDTHS = 2.0
 
@@ -139,7 +141,7 @@ def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]], l
             ],
         ),
         "## What to measure next",
-        *(f"- {a['measurement']}" for a in record["advice"]),
+        *_advice(record["advice"]),
     ]
     if left_out:
         parts += ["## Each test met with the cloth of the other two", _met(left_out)]
@@ -196,15 +198,43 @@ def _cause_rows(record: Mapping[str, Any]) -> list[list[str]]:
     return [
         [
             cause["effect"],
-            "all" if cause["specimen"] is None else f"{list(FIELDS)[cause['specimen']]}",
+            _test(cause["specimen"]),
             f"{cause['probability']:.3f}",
             ", ".join(cause["alternatives"]),
-            ", ".join(
-                f"{name} {p['value']:.3g} ± {p['stderr']:.1g} {p['unit']}".removesuffix(" 1")
-                for name, p in list(cause["parameters"].items())[:6]
-            ),
+            _parameters(cause["parameters"]),
         ]
         for cause in record["causes"]
+    ]
+
+
+def _test(specimen: int | None) -> str:
+    return "all" if specimen is None else f"{list(FIELDS)[specimen]}"
+
+
+def _parameters(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """The first ones, and how many more there are."""
+    told = [
+        f"{name} {p['value']:.3g} ± {p['stderr']:.1g} {p['unit']}".removesuffix(" 1")
+        for name, p in list(found.items())[:MOST]
+    ]
+    more = len(found) - len(told)
+    return ", ".join([*told, *[f"… and {more} more"] * bool(more)])
+
+
+def _advice(advice: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Measurements, the best first, by what they tell from what; of one pair of effects all."""
+    if not advice:
+        return ["Nothing: no two effects stand against one another."]
+    alone, *further = advice
+    first, second = alone["between"]
+    return [
+        f"By how many standard errors {second}, at a tenth of its plausible range, would show in "
+        f"test {_test(alone['specimen'])} beyond what {first} and the moduli can imitate, with one "
+        f"further measurement; by the test as it is, {alone['separation']:.3g}:",
+        _table(
+            ["measurement", "standard errors", "why"],
+            [[a["measurement"], f"{a['separation']:.3g}", a["why"]] for a in further],
+        ),
     ]
 
 
@@ -230,7 +260,7 @@ def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:
         [
             field["place"],
             field["field"],
-            "all" if field["specimen"] is None else f"{list(FIELDS)[field['specimen']]}",
+            _test(field["specimen"]),
             f"{field['probability']:.3f}",
             f"{field['largest']:.3g} {field['unit']}".removesuffix(" 1"),
             ", ".join(f"{name} {value:.3g}" for name, value in field["where"].items()),
