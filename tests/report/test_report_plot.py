@@ -13,6 +13,8 @@ import bulgefit
 from bulgefit.errors import InputError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.bootstrap import Bootstrap
+from bulgefit.gap.residual.locate import Growth
+from bulgefit.report.words.names import mode_label
 from bulgefit.shown import Drawn
 from bulgefit.trial.answer import TrialAnswer
 from bulgefit.trial.score import score
@@ -129,6 +131,37 @@ def test_a_fit_beside_a_test(fit_found, plain):
             np.testing.assert_array_equal(a.get_ydata(), b.get_ydata())
     with pytest.raises(InputError, match="give the one that is to be drawn"):
         fit_found.plot("residuals")
+
+
+def test_a_batch_says_what_its_marks_are(batch):
+    figure = batch.plot()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "value and 95 % interval", "mean over specimens", "one standard deviation",
+    ]  # fmt: skip
+    told = [[text.get_text() for text in panel.texts] for panel in figure.axes]
+    assert told == [[], [], ["not determined"]]
+    value, mean = figure.axes[0].lines[0], figure.axes[0].lines[-1]
+    fit = batch.fits[0]
+    assert value.get_xdata()[1] == fit.material.values["E1"]
+    assert [*value.get_xdata()[[0, 2]]] == [*fit.uncertainty.interval95["E1"]]
+    assert mean.get_xdata()[0] == batch.spreads["E1"].mean
+
+
+def test_pairs_are_framed_by_what_their_cells_read(found, monkeypatch):
+    alike = np.array([[1.0, 0.897, 0.894], [0.897, 1.0, 0.9], [0.894, 0.9, 1.0]])
+    monkeypatch.setattr(
+        "bulgefit.report._diagnosis_charts.cosine_matrix", lambda _: (["a", "b", "c"], alike)
+    )
+    panel = found.plot("cosines").axes[0]
+    framed = {(round(p.get_x() + 0.46), round(p.get_y() + 0.46)) for p in panel.patches}
+    read = {tuple(map(int, t.get_position())) for t in panel.texts if t.get_text() == "0.90"}
+    assert framed == read == {(0, 1), (1, 0), (1, 2), (2, 1)}
+
+
+def test_legends_of_modes_say_how_they_go_with_pressure():
+    labels = [mode_label(2, growth) for growth in (Growth.CUBE_ROOT, Growth.LINEAR, Growth.NONE)]
+    assert labels == ["m = 2: p^(1/3)", "m = 2: in proportion to p", "m = 2: within noise"]
 
 
 def test_folds_stand_where_their_numbers_are(folds):

@@ -256,6 +256,14 @@ def test_verb(opengl, tmp_path, capsys):
         assert message in line
 
 
+def test_pictures_tell_the_unit(opengl, monkeypatch):
+    said = []
+    write = _off_screen.add_text
+    monkeypatch.setattr(_off_screen, "add_text", lambda *w: (said.append(w[1]), write(*w)))
+    show(made()[0], field="strain_xx")
+    assert said[1:] == ["measured strain_xx (mm/mm)"]
+
+
 def test_all_fields_have_a_unit():
     assert {*FIELDS.values()} == {"mm", "1", "1/mm", "N/mm", "MPa"}
     assert [*RESIDUALS.values()] == [*FIELDS.values()]

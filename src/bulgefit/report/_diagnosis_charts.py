@@ -33,11 +33,12 @@ def plot_cosines(
     drawn = panel.imshow(cosine, cmap="cividis", vmin=0.0, vmax=1.0)
     for i in range(count):
         for j in range(count):
+            shown = f"{cosine[i, j]:.2f}"
             panel.text(
-                j, i, f"{cosine[i, j]:.2f}", ha="center", va="center",
+                j, i, shown, ha="center", va="center",
                 fontsize=_figure.FONT - 2, color="black" if cosine[i, j] > 0.55 else "white",
             )  # fmt: skip
-            if i != j and cosine[i, j] >= ALIKE:
+            if i != j and float(shown) >= ALIKE:  # as it reads
                 corner = (j - 0.46, i - 0.46)
                 panel.add_patch(
                     Rectangle(corner, 0.92, 0.92, fill=False, edgecolor=_VERMILION, linewidth=2.0)

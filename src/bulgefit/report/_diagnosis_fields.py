@@ -81,7 +81,8 @@ def plot_component(
             location="bottom", aspect=20,
         )  # fmt: skip
     figure.suptitle(
-        f"{data.specimen.test.name}: {name}; colours of every column are its own",
+        f"{data.specimen.test.name}: {name}; measured and modelled have the same colours, each "
+        "residual its own",
         fontsize=_figure.FONT + 2,
     )
     return _figure.finished(figure, path, force)

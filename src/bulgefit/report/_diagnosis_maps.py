@@ -22,6 +22,7 @@ from bulgefit.report._diagnosis_parts import (
 )
 from bulgefit.report.profiles import MARKERS
 from bulgefit.report.record import SIGNIFICANT
+from bulgefit.report.words.names import mode_label
 
 __all__ = ["plot_modes", "plot_where"]
 
@@ -186,7 +187,7 @@ def _draw_modes(panel: Any, modes: list[Mode]) -> None:
         panel.plot(
             mode.pressure, mode.amplitude, marker, color=colour, markersize=4, linewidth=1.0,
             markerfacecolor="none" if quiet else colour, linestyle="none" if quiet else "-",
-            label=f"m = {mode.order}: {mode.growth}",
+            label=mode_label(mode.order, mode.growth),
         )  # fmt: skip
     panel.legend(
         fontsize=_figure.FONT - 1, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False,

@@ -176,7 +176,8 @@ def _draw(
             surface = _surface(cloud, frame, name, modelled=modelled)
             _add(plotter, surface, cloud.test.semi_axes, is_signed(name), ranges[name], place)
             _off_screen.add_text(plotter, f"{cloud.test.name}, {pressure}", (0.03, 0.94))
-            shown = title if unit == "1" else f"{title} ({unit})"
+            # what has no unit is strain
+            shown = f"{title} ({'mm/mm' if unit == '1' else unit})"
             _off_screen.add_text(plotter, shown, (0.03, 0.885))
         return _off_screen.picture(plotter)
 

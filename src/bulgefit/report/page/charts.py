@@ -10,6 +10,7 @@ import numpy as np
 from bulgefit.gap.residual.structure import RINGS, SECTORS
 from bulgefit.report.numbers import INTERVAL
 from bulgefit.report.record import SIGNIFICANT, Record
+from bulgefit.report.words.names import mode_label
 
 __all__ = ["budget_bars", "curves", "disc_wedges", "discs", "spans", "ticks"]
 
@@ -156,7 +157,7 @@ def curves(modes: Sequence[Mapping[str, Any]], component: str) -> dict[str, Any]
         "height": _HEIGHT,
         "lines": [
             {
-                "label": f"m = {m['order']}: {m['growth']}",
+                "label": mode_label(m["order"], m["growth"]),
                 "points": [
                     f"{x(b):.1f},{y(a):.1f}"
                     for b, a in zip(m["pressure_bar"], m["amplitude_mm"], strict=True)

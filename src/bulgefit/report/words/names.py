@@ -7,6 +7,7 @@ from typing import Any
 
 from bulgefit.effects.parameter import Owned
 from bulgefit.gap.effects import CREASES
+from bulgefit.gap.residual.locate import Growth
 from bulgefit.report.numbers import listed
 from bulgefit.report.record import Record
 
@@ -15,6 +16,7 @@ __all__ = [
     "budget_labels",
     "called_together",
     "chance_text",
+    "mode_label",
     "named_set",
     "names_of",
     "of_whom",
@@ -33,6 +35,11 @@ _NAMED = 4
 def names_of(record: Record) -> list[str]:
     """Of the tests."""
     return [str(t["name"]) for t in record["report"]["tests"]]
+
+
+def mode_label(order: int, growth: str) -> str:
+    """An azimuthal mode and how it goes with the pressure p, for legends."""
+    return f"m = {order}: {'in proportion to p' if growth == Growth.LINEAR else growth}"
 
 
 def owned(record: Record, group: str) -> str:
