@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -301,6 +303,15 @@ def test_few_points():
         measure(test)
     with pytest.raises(InputError, match="30 points that it takes"):
         measure(test, window=40.0)
+
+
+def test_verb_says_how_many_frames_it_shows(capsys):
+    example = Path(__file__).parents[2] / "data" / "example_bulge.npz"
+    assert main(["measure", str(example), "--window", "40", "--quiet"]) == 0
+    _, table, *_ = re.split("at the apex|around rings", capsys.readouterr().out)
+    head, *rows = table.splitlines()
+    assert head == " (12 of 15 frames; all in --csv):"
+    assert len(rows) == 1 + 12  # what the columns are, and the frames
 
 
 def test_verb(tmp_path, capsys):

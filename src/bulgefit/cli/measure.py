@@ -167,7 +167,9 @@ def _made(name: str) -> Path:
 
 
 def _table(found: Measured, model: Measured | None) -> str:
-    lines = [_noise(found), "at the apex:", *_apex(found)]
+    frames = len(found.pressure)
+    some = f" ({_LINES} of {frames} frames; all in --csv)" if frames > _LINES else ""
+    lines = [_noise(found), f"at the apex{some}:", *_apex(found)]
     if model is not None:
         lines += ["at the apex of the model, by the same windows:", *_apex(model, sure=False)]
     lines += [*_rings(found, int(found.pressure.argmax())), *_rim(found)]
