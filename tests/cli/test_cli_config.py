@@ -102,6 +102,17 @@ def test_the_command_line_replaces_the_file(seen: Seen, file: Callable[[str], st
     assert found[1] == (["a.npz", "b.npz"], 3, "e", True)
 
 
+@pytest.mark.parametrize("words", [["--hold", "a=2"], ["--hold=a=2"]])
+def test_a_list_of_the_file_is_replaced_as_well(
+    seen: Seen, file: Callable[[str], str], words: list[str]
+) -> None:
+    """Not added to: a value of each would be given twice."""
+    run = file('tests = ["a.npz"]\nhold = ["a=1", "b=1"]\n')
+    assert cli.main(["fit", "--config", run, *words]) == 0
+    assert cli.main(["fit", "--config", run]) == 0
+    assert [told["hold"] for told in seen] == [["a=2"], ["a=1", "b=1"]]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

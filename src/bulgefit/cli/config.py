@@ -65,13 +65,21 @@ def with_config(parser: argparse.ArgumentParser, words: Sequence[str]) -> list[s
         action = actions[key]
         texts = _texts(action, value, f"{file}: {key}")
         if action.option_strings:
-            found += _as_words(action, texts)
+            found += [] if _adds_to(action, words) else _as_words(action, texts)
         else:
             action.default, action.required = texts, False
             action.nargs = "*" if action.nargs == "+" else "?"
             if action.nargs == "?":
                 (action.default,) = texts
     return [*found, *words]
+
+
+def _adds_to(action: argparse.Action, words: Sequence[str]) -> bool:
+    """Whether a line gives an option whose values would stand beside those of the file."""
+    given = {word.partition("=")[0] for word in words}
+    return isinstance(action, argparse._AppendAction) and not given.isdisjoint(
+        action.option_strings
+    )
 
 
 def check_config(args: argparse.Namespace) -> None:
