@@ -11,7 +11,7 @@ import pytest
 
 from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
-from bulgefit.fem.equilibrium import solve
+from bulgefit.fem.equilibrium import CORRECTION, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
@@ -97,6 +97,18 @@ def test_a_branch_is_not_followed_over_a_snap(benchmark: ModuleType) -> None:
     with pytest.raises(SolveError) as caught:
         trace(membrane, stiffness)
     assert caught.value.reached == pytest.approx(0.141007, rel=1e-4)
+
+
+def test_a_balance_by_a_curve_is_as_exact_as_any(benchmark: ModuleType) -> None:
+    """Beyond a kink of its slope the last correction was followed by one nine times what counts."""
+    case = benchmark.draw(71, 4639)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness)
+    left = []
+    for shape, p in zip(path.displacement, path.pressure, strict=True):
+        state = membrane.state(shape, float(p), stiffness)
+        left.append(np.abs(membrane.factorise(state).solve(state.residual)).max())
+    assert max(left) < 2.0 * CORRECTION
 
 
 def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> None:

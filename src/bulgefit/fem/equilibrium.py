@@ -33,8 +33,9 @@ AGAIN_BELOW = 0.25
 #: potential has no bottom: a cap as high has a hundred times the area of its disc.
 RUN_AWAY = 10.0
 #: Newton's method converges quadratically: a step whose successor, by this rule and this factor of
-#: safety, is below `CORRECTION` is the last.
-SAFETY = 10.0
+#: safety, is below `CORRECTION` is the last. The second is of curves, whose slopes have kinks: the
+#: rule may be another beyond one.
+SAFETY, SAFER = 10.0, 100.0
 
 
 class NewtonError(ArithmeticError):
@@ -309,7 +310,8 @@ class _Search:
         step = self.correct(factor, state)
         size = float(np.abs(step).max())
         smooth = self.shift == 0.0 and state.wrinkled == 0
-        if smooth and SAFETY * self.rate * size**2 <= CORRECTION * self._unit:
+        safety = SAFETY if self.membrane.fabric.curve is None else SAFER
+        if smooth and safety * self.rate * size**2 <= CORRECTION * self._unit:
             last = displacement + self.membrane.spread(step)
             return last, replace(state, tangent=None), np.zeros_like(step)
         slope = float(state.residual @ step)
