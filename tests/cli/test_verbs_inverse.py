@@ -289,6 +289,15 @@ def test_bad_comparisons(verb, case, folder, capsys):
     refused(capsys, folder, message, verb, "good.npz", "other.npz", *VERBS[verb], *words)
 
 
+def test_frames_at_the_limit_are_kept(folder, arrays, capsys):
+    """70 kPa and 0.07 MPa are 0.7 bar, whatever the last bits of their numbers say."""
+    for highest in (70 * 1e-3, 0.07):
+        changed(pressure=np.array([0.02, 0.06, highest, 0.2]))(arrays)
+        words = ["--max-pressure", "0.7", *SAME_MESH, "--json", "-"]
+        assert run("evaluate", "bad.npz", *MATERIAL, *words) == 0
+        assert json.loads(capsys.readouterr().out)["sources"][0]["frames"] == 3
+
+
 EVALUATED = {
     "no material": ([], "no material: give --E1 --E2 --G12"),
     "half a material": (["--E1", "300", "--E2", "200"], "--G12 missing"),
