@@ -16,6 +16,8 @@ SLIP = str(Path(__file__).resolve().parents[2] / "data" / "example_slip.npz")
 TRUTH = {"E1": 352.1, "E2": 181.4, "G12": 12.4, "clamp_slip.compliance": 0.0321}
 MODULI = ["--E1", "352.1", "--E2", "181.4", "--G12", "12.4"]
 HOLD = ["--hold", "clamp_slip.compliance=0.0321"]
+#: As JSON tells moduli.
+FOUND = {name: {"value": TRUTH[name]} for name in ("E1", "E2", "G12")}
 
 
 def told(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
@@ -79,8 +81,7 @@ def test_evaluate_and_from_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFix
     assert held["e_w"] < 0.5 * without["e_w"]
     gap = tmp_path / "gap.json"
     causes = [{"effect": "clamp_slip", "parameters": {"compliance": {"value": 0.0321}}}]
-    corrected = {name: {"value": TRUTH[name]} for name in ("E1", "E2", "G12")}
-    gap.write_text(json.dumps({"causes": causes, "parameters": {"corrected": corrected}}))
+    gap.write_text(json.dumps({"causes": causes, "parameters": {"corrected": FOUND}}))
     taken = told(capsys, "evaluate", SLIP, "--from", str(gap))
     assert taken["e_w"] == pytest.approx(held["e_w"], rel=1e-12)
     assert taken["effects"] == {"clamp_slip.compliance": 0.0321}
@@ -89,6 +90,33 @@ def test_evaluate_and_from_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFix
         capsys, "evaluate", SLIP, "--from", str(gap), "--hold", "clamp_slip.compliance=0.01"
     )
     assert other["effects"] == {"clamp_slip.compliance": 0.01}
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"starts": [], "settings": {"law": "svk"}, "material": "orthotropic", "parameters": FOUND},
+        {"causes": [], "report": {"law": "svk"}, "parameters": {"corrected": FOUND}},
+    ],
+)
+def test_the_law_is_that_of_from(
+    beside: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = tmp_path / "found.json"
+    found.write_text(json.dumps(beside))
+    given = ["--from", str(found)]
+    simulated = ["simulate", "--pressure", "2", "--refine", "2"]
+    evaluated = ["evaluate", SLIP, "--refine", "2"]
+    for words, key in ((simulated, "apex_mm"), (evaluated, "e_w")):
+        taken = told(capsys, *words, *given)[key]
+        by_law = {
+            law: told(capsys, *words, *MODULI, "--law", law)[key] for law in ("hencky", "svk")
+        }
+        assert taken == pytest.approx(by_law["svk"], rel=1e-12)
+        assert taken != pytest.approx(by_law["hencky"], rel=1e-3)
+        # what is given by hand goes before
+        other = told(capsys, *words, *given, "--law", "hencky")[key]
+        assert other == pytest.approx(by_law["hencky"], rel=1e-12)
 
 
 def test_a_prior_beyond_doubt(capsys: pytest.CaptureFixture[str]) -> None:

@@ -47,6 +47,8 @@ __all__ = [
 FORMAT = 1
 #: nu12 where neither the command nor a test gives one: the published study's.
 USUAL_POISSON_RATIO = 0.24
+#: Law where neither the command nor what --from found gives one.
+USUAL_LAW = "hencky"
 
 _ORTHOTROPIC = {
     "E1": ("MPa", "modulus along warp (x)"),
@@ -113,15 +115,21 @@ def material_from(args: argparse.Namespace, poisson_ratio: float = USUAL_POISSON
     return material(kind, **given)
 
 
-def add_law_argument(group: argparse._ArgumentGroup) -> None:
-    """Add --law."""
+def add_law_argument(group: argparse._ArgumentGroup, *, found: bool = False) -> None:
+    """Add --law.
+
+    Parameters
+    ----------
+    found : bool
+        Where --from may say it, it is None unless given.
+    """
     group.add_argument(
         "--law",
-        default="hencky",
+        default=None if found else USUAL_LAW,
         metavar="LAW",
         help="stress linear in the logarithmic strain (hencky), in the Green-Lagrange strain (svk) "
         "or in the strains of the yarns and their angle (yarn), or the law of another package by "
-        "its name (default: hencky)",
+        f"its name (default: {'that of --from, else ' if found else ''}{USUAL_LAW})",
     )
 
 
@@ -135,10 +143,16 @@ def add_mesh_error_argument(group: argparse._ActionsContainer) -> None:
     )
 
 
-def add_solver_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --law, --mesh, --refine, --no-relaxation and --linear-solver."""
+def add_solver_arguments(parser: argparse.ArgumentParser, *, found: bool = False) -> None:
+    """Add --law, --mesh, --refine, --no-relaxation and --linear-solver.
+
+    Parameters
+    ----------
+    found : bool
+        Whether --from may say the law.
+    """
     group = parser.add_argument_group("solver")
-    add_law_argument(group)
+    add_law_argument(group, found=found)
     group.add_argument(
         "--mesh",
         metavar="FILE.npz",

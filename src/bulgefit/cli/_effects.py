@@ -8,6 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bulgefit.cli._common import USUAL_LAW
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,14 +22,21 @@ __all__ = [
     "found_law",
     "held_from",
     "priors_from",
+    "take_found_law",
     "take_found_moduli",
     "uncertainty_from",
     "with_from",
 ]
 
 
-def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add --hold and --from."""
+def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False) -> None:
+    """Add --hold and --from.
+
+    Parameters
+    ----------
+    fits : bool
+        Whether the verb fits the material, so that --from says effects alone.
+    """
     group = parser.add_argument_group("effects", "what the test has that the ideal one has not")
     group.add_argument(
         "--hold",
@@ -42,7 +50,10 @@ def add_effect_arguments(parser: argparse.ArgumentParser) -> None:
         "--from",
         dest="from_file",
         metavar="FILE.json",
-        help="set the effects' parameters, and moduli that are not given, to what bulgefit "
+        help="hold the effects' parameters at what bulgefit diagnose or fit found and wrote with "
+        "--json; moduli, Poisson's ratio and law are not taken from it"
+        if fits
+        else "set the effects' parameters, and moduli and law that are not given, to what bulgefit "
         "diagnose or fit found and wrote with --json",
     )
 
@@ -236,6 +247,12 @@ def take_found_moduli(args: argparse.Namespace) -> None:
     for name, value in moduli.items():
         if getattr(args, name) is None:
             setattr(args, name, value)
+
+
+def take_found_law(args: argparse.Namespace) -> None:
+    """Set the law that --from found, or else the usual one, where no option gives it."""
+    if args.law is None:
+        args.law = found_law(args) or USUAL_LAW
 
 
 def found_law(args: argparse.Namespace) -> str | None:

@@ -149,7 +149,7 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X",
         help="stop where the objective falls by less than this part (default: 1e-6)",
     )
-    add_effect_arguments(parser)
+    add_effect_arguments(parser, fits=True)
     add_freeing_arguments(parser)
     _common.add_workers_argument(parser)
     _common.add_scheduler_argument(parser)

@@ -5,7 +5,12 @@ from __future__ import annotations
 import argparse
 
 from bulgefit.cli import _common, _fitting
-from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
+from bulgefit.cli._effects import (
+    add_effect_arguments,
+    held_from,
+    take_found_law,
+    take_found_moduli,
+)
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
@@ -37,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_effect_arguments(parser)
     _fitting.add_comparison_arguments(parser)
-    _common.add_solver_arguments(parser)
+    _common.add_solver_arguments(parser, found=True)
     add_reader_arguments(parser)
     _common.add_json_arguments(parser)
 
@@ -50,6 +55,7 @@ def run(args: argparse.Namespace) -> int:
             if getattr(args, name) is not None:
                 raise InputError(f"--undeformed and --{name} do not go together: give one of them")
     tests = _fitting.read_tests(args)
+    take_found_law(args)
     options = _fitting.comparison_options(args, tests)
 
     from bulgefit.fitting.evaluate import evaluate, evaluate_resting

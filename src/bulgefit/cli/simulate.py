@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
-from bulgefit.cli._effects import add_effect_arguments, held_from, take_found_moduli
+from bulgefit.cli._effects import (
+    add_effect_arguments,
+    held_from,
+    take_found_law,
+    take_found_moduli,
+)
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 from bulgefit.shown import plain
@@ -78,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="warp turned from x in degrees, counter-clockwise seen from +z (default: 0)",
     )
     add_effect_arguments(parser)
-    _common.add_solver_arguments(parser)
+    _common.add_solver_arguments(parser, found=True)
     _common.add_mesh_error_argument(parser)
     _common.add_json_arguments(parser)
     parser.add_argument(
@@ -98,6 +103,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write and print."""
     pressures = _pressures(args.pressure)
     _check_outputs(args, len(pressures))
+    take_found_law(args)
     take_found_moduli(args)
     material = _common.material_from(args)
     radius, ellipticity = _clamp(args)
