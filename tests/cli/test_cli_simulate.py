@@ -296,6 +296,25 @@ def test_limit_pressure(capsys):
     assert 0 < caught.value.reached < 0.5
 
 
+def test_what_a_simulation_does_not_show_of_what_was_found(tmp_path, capsys):
+    slip = {"effect": "clamp_slip", "parameters": {"compliance": {"value": 0.02}}}
+    moved = {"effect": "rigid_motion", "parameters": {"shift_z": {"value": 0.3}}}
+    given = {name: {"value": CONSTANTS[name]} for name in ("E1", "E2", "G12")}
+    gap = tmp_path / "gap.json"
+    words = [*MATERIAL, "--pressure", "1", "--refine", "1", "--json", "-"]
+    apex = []
+    for causes in ([slip], [slip, moved]):
+        gap.write_text(json.dumps({"causes": causes, "parameters": {"corrected": given}}))
+        assert run(*words, "--from", gap) == 0
+        output = capsys.readouterr()
+        apex.append(json.loads(output.out)["apex_mm"])
+    assert apex[0] == apex[1]
+    assert output.err == (
+        f"note: --from {gap}: a simulation shows nothing of rigid_motion.shift_z (what cameras do "
+        "changes no shape)\n"
+    )
+
+
 BAD = {
     "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk, yarn"),
     "inadmissible": (["--E1", "5", "--nu12", "0.9"], "E1/E2 must exceed nu12²"),
@@ -322,6 +341,11 @@ BAD = {
     "thickness": (["--thickness", "0"], "--thickness 0: give a length above 0 mm"),
     "angle": (["--angle", "nan"], "--angle nan"),
     "solver": (["--linear-solver", "abacus"], "abacus"),
+    "cameras": (
+        ["--hold", "rigid_motion.shift_z=5,creep.rate=0.1,dic_scale.scale=0.01"],
+        "--hold: a simulation shows nothing of rigid_motion.shift_z, dic_scale.scale (what cameras "
+        "do changes no shape) and creep.rate (it has no time); leave that out",
+    ),
     "pressure word": (["--pressure", "1,two"], "--pressure: 'two' is no number"),
     "pressure empty": (["--pressure", "1,,2"], "--pressure: '' is no number"),
     "pressure zero": (["--pressure", "0"], "--pressure: 0 is not a pressure above 0 bar"),

@@ -167,6 +167,17 @@ def refused(capsys: pytest.CaptureFixture[str], said: str, *words: str) -> None:
     assert said in output.err
 
 
+@pytest.mark.parametrize("verb", ["fit", "evaluate", "measure"])
+def test_what_needs_times_is_not_held_without_any(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = str(tmp_path / "without.npz")
+    with np.load(SLIP) as arrays:
+        np.savez(file, **{key: arrays[key] for key in arrays.files if key != "time"})
+    words = ["--hold", "creep.rate=0.1", *([] if verb == "fit" else MODULI)]
+    refused(capsys, "creep needs the time of its frames", verb, file, *words)
+
+
 @pytest.mark.parametrize("case", BAD)
 @pytest.mark.parametrize("verb", ["fit", "evaluate"])
 def test_what_cannot_be_held(verb: str, case: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ __all__ = [
     "add_freeing_arguments",
     "add_prior_argument",
     "found_law",
+    "held_by_hand",
     "held_from",
     "priors_from",
     "take_found_law",
@@ -124,6 +125,12 @@ def held_from(args: argparse.Namespace, tests: int = 1) -> dict[str, float]:
     held: dict[str, float] = {}
     if args.from_file is not None:
         held |= _found_effects(Path(args.from_file), tests)
+    return held | held_by_hand(args)
+
+
+def held_by_hand(args: argparse.Namespace) -> dict[str, float]:
+    """Values of effects' parameters that --hold sets."""
+    held = {}
     for name, text in _items(args.hold, "hold"):
         if "." not in name:
             raise InputError(

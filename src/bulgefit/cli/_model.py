@@ -35,6 +35,8 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
         if args.hold:
             raise InputError("--hold: sets an effect of a model; give a material too")
         return None
+    from bulgefit.effects.parameter import by_key
+    from bulgefit.fitting.problem import check_needs
     from bulgefit.model.predict import predict
     from bulgefit.model.setup import Setup
 
@@ -42,4 +44,6 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
     material = _common.material_from(args, test.poisson_ratio)
     law = found_law(args)
     setup = None if law is None else Setup(law=law)
-    return predict(test, material, effects=held_from(args), setup=setup)
+    held = held_from(args)
+    check_needs(by_key(held), [test])
+    return predict(test, material, effects=held, setup=setup)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bulgefit.cli import _common
 from bulgefit.cli._effects import (
     add_effect_arguments,
+    held_by_hand,
     held_from,
     take_found_law,
     take_found_moduli,
@@ -20,6 +21,8 @@ from bulgefit.errors import InputError
 from bulgefit.shown import plain
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bulgefit.model.parameters import Material
     from bulgefit.model.simulation import Simulation
 
@@ -136,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
         ellipticity=ellipticity,
         thickness=args.thickness,
         angle=args.angle,
-        effects=held_from(args),
+        effects=_held(args),
         **_common.solver_options(args),
     )
     _common.deliver(
@@ -147,6 +150,38 @@ def run(args: argparse.Namespace) -> int:
         partial(_draw, args, result, pressures[-1]),
     )
     return 0
+
+
+def _held(args: argparse.Namespace) -> dict[str, float]:
+    """Effects of the shape; others are refused where --hold sets them, and told of --from."""
+    held, by_hand = held_from(args), held_by_hand(args)
+    hidden = {name: why for name in held if (why := _why_hidden(name))}
+    if told := _by_reason({name: why for name, why in hidden.items() if name in by_hand}):
+        raise InputError(f"--hold: a simulation shows nothing of {told}; leave that out")
+    if told := _by_reason(hidden):
+        _common.progress(
+            args, f"note: --from {args.from_file}: a simulation shows nothing of {told}"
+        )
+    return {name: value for name, value in held.items() if name not in hidden}
+
+
+def _why_hidden(name: str) -> str:
+    """Why an effect's parameter changes no shape of a simulation, else ""."""
+    from bulgefit.effects.parameter import Key
+    from bulgefit.effects.registry import effect_named
+
+    effect = effect_named(Key.read(name).effect)
+    if effect.place == "camera":
+        return "what cameras do changes no shape"
+    return f"it has no {' and no '.join(effect.needs)}" if effect.needs else ""
+
+
+def _by_reason(hidden: Mapping[str, str]) -> str:
+    """Parameters, in words, with why they are hidden."""
+    reasons = dict.fromkeys(hidden.values())
+    return " and ".join(
+        f"{', '.join(name for name in hidden if hidden[name] == why)} ({why})" for why in reasons
+    )
 
 
 def _warn_of_sizes(args: argparse.Namespace, material: Material, radius: float) -> None:

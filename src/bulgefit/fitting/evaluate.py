@@ -12,7 +12,7 @@ from bulgefit.effects.parameter import of_specimen
 from bulgefit.errors import SolveError
 from bulgefit.fitting.answers import Evaluation
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.fitting.problem import key_among, stated_ratio
+from bulgefit.fitting.problem import check_needs, key_among, stated_ratio
 from bulgefit.fitting.result import FORMAT, describe_tests, versions
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, as_effects, as_material
@@ -68,6 +68,7 @@ def _shapes(objective: Objective, material: Material, effects: Mapping[str, floa
     """Corrected for the mesh's error, where the setup asks for that."""
     count = len(objective.tests)
     given = {key_among(name, count, "effects"): value for name, value in effects.items()}
+    check_needs(given, objective.tests)
     values = [{**material.constants(), **of_specimen(given, i)} for i in range(count)]
     shapes = objective.shapes(values)
     if objective.setup.corrects_mesh:

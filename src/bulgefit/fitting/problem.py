@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
@@ -20,7 +21,15 @@ from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, free_parameters, held_by, parameters_of
 
-__all__ = ["Evaluation", "Prior", "Problem", "bounded", "key_among", "stated_ratio"]
+__all__ = [
+    "Evaluation",
+    "Prior",
+    "Problem",
+    "bounded",
+    "check_needs",
+    "key_among",
+    "stated_ratio",
+]
 
 Floats = NDArray[np.floating]
 
@@ -112,6 +121,7 @@ class Problem:
         moduli = free_parameters(kind, free, limits)
         freed = _freed(effects, len(tests), objective)
         fixed = _known(held or {}, ours, len(tests))
+        check_needs(fixed, tests)
         by_bounds = {Key("", n): ends[0] for n, ends in limits.items() if held_by(ends)}
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
@@ -441,10 +451,7 @@ def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
         else:
             wanted = effect_named(name).groups()[-1]
         effect = effect_named(name.partition(".")[0])
-        for need in effect.needs:
-            for test in objective.tests:
-                if getattr(test, need) is None:
-                    raise InputError(f"{test.name}: {effect.id} needs the {need} of its frames")
+        _require_needs(effect, objective.tests)
         if effect.never_separable:
             raise InputError(
                 f"{effect.id} cannot be fitted: {effect.never_separable}; hold it at a value"
@@ -453,6 +460,26 @@ def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
             for i in range(count):
                 found[Key.of(one, None if effect.shared or count == 1 else i)] = None
     return list(found)
+
+
+def _require_needs(effect: Effect, tests: Iterable[BulgeTest]) -> None:
+    for need in effect.needs:
+        for test in tests:
+            if getattr(test, need) is None:
+                raise InputError(f"{test.name}: {effect.id} needs the {need} of its frames")
+
+
+def check_needs(values: Mapping[Key, float], tests: Sequence[BulgeTest]) -> None:
+    """Refuse effects that are there and need what a test has not, so that they would do nothing.
+
+    Raises
+    ------
+    InputError
+    """
+    for key, value in values.items():
+        if key.effect and value != parameter_named(key.name).null:
+            own = tests if key.specimen is None else [tests[key.specimen]]
+            _require_needs(effect_named(key.effect), own)
 
 
 def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
