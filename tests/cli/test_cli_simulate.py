@@ -346,6 +346,7 @@ BAD = {
         "--hold: a simulation shows nothing of rigid_motion.shift_z, dic_scale.scale (what cameras "
         "do changes no shape) and creep.rate (it has no time); leave that out",
     ),
+    "two ratios": (["--hold", "poisson_ratio.nu12=0.4"], "takes the place of nu12"),
     "pressure word": (["--pressure", "1,two"], "--pressure: 'two' is no number"),
     "pressure empty": (["--pressure", "1,,2"], "--pressure: '' is no number"),
     "pressure zero": (["--pressure", "0"], "--pressure: 0 is not a pressure above 0 bar"),

@@ -210,6 +210,11 @@ SEARCH = {
     "nu12 too large": (["--nu12", "9", "--starts", "1"], "E1/E2 must exceed nu12²"),
     "nu12 not finite": (["--nu12", "nan"], "--nu12 nan: give a finite ratio"),
     "nu12 held and free": (["--free", "nu12", "--nu12", "0.3"], "do not go together"),
+    "nu12 free twice": (["--free", "nu12", "--with", "poisson_ratio"], "takes the place of nu12"),
+    "nu12 held twice": (
+        ["--nu12", "0.3", "--hold", "poisson_ratio.nu12=0.4"],
+        "poisson_ratio.nu12 takes the place of nu12: give one of them",
+    ),
 }  # fmt: skip
 
 
@@ -307,6 +312,15 @@ EVALUATED = {
     "nu": (["--E", "200", "--nu", "0.6"], "nu"),
     "too soft": (["--E", "1", "--refine", "1"], "no equilibrium"),
     "undeformed and a material": ([*MATERIAL, "--undeformed"], "--undeformed"),
+    "undeformed and found": (
+        ["--undeformed", "--from", "a.json"],
+        "--undeformed and --from do not",
+    ),
+    "undeformed and held": (["--undeformed", "--hold", "a.b=1"], "--undeformed and --hold do not"),
+    "two ratios": (
+        [*MATERIAL, "--nu12", "0.3", "--hold", "poisson_ratio.nu12=0.4"],
+        "poisson_ratio.nu12 takes the place of nu12: give one of them",
+    ),
 }
 
 

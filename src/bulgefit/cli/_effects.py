@@ -20,6 +20,7 @@ __all__ = [
     "add_freeing_arguments",
     "add_prior_argument",
     "found_law",
+    "given_ratios",
     "held_by_hand",
     "held_from",
     "priors_from",
@@ -239,6 +240,11 @@ def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
         if content["material"] == "isotropic-EG":
             names = ["E", "G"]
     return {name: float(found[name]["value"]) for name in names}
+
+
+def given_ratios(args: argparse.Namespace) -> list[str]:
+    """Poisson's ratios that options give; ask before `take_found_moduli` sets what they do not."""
+    return [name for name in ("nu12", "nu") if getattr(args, name) is not None]
 
 
 def take_found_moduli(args: argparse.Namespace) -> None:

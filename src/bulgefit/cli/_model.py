@@ -6,7 +6,13 @@ import argparse
 from typing import TYPE_CHECKING
 
 from bulgefit.cli import _common
-from bulgefit.cli._effects import add_effect_arguments, found_law, held_from, take_found_moduli
+from bulgefit.cli._effects import (
+    add_effect_arguments,
+    found_law,
+    given_ratios,
+    held_from,
+    take_found_moduli,
+)
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,13 +43,16 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
         return None
     from bulgefit.effects.parameter import by_key
     from bulgefit.fitting.problem import check_needs
+    from bulgefit.model.parameters import check_replaced
     from bulgefit.model.predict import predict
     from bulgefit.model.setup import Setup
 
+    ratios = given_ratios(args)
     take_found_moduli(args)
+    held = held_from(args)
+    check_needs(by_key(held), [test])
+    check_replaced(held, ratios)
     material = _common.material_from(args, test.poisson_ratio)
     law = found_law(args)
     setup = None if law is None else Setup(law=law)
-    held = held_from(args)
-    check_needs(by_key(held), [test])
     return predict(test, material, effects=held, setup=setup)

@@ -7,6 +7,7 @@ import argparse
 from bulgefit.cli import _common, _fitting
 from bulgefit.cli._effects import (
     add_effect_arguments,
+    given_ratios,
     held_from,
     take_found_law,
     take_found_moduli,
@@ -54,20 +55,27 @@ def run(args: argparse.Namespace) -> int:
         for name in ("E1", "E2", "G12", "nu12", "E", "nu", "G"):
             if getattr(args, name) is not None:
                 raise InputError(f"--undeformed and --{name} do not go together: give one of them")
+        for option, given in (("from", args.from_file), ("hold", args.hold)):
+            if given:
+                raise InputError(f"--undeformed and --{option} do not go together: it has no model")
     tests = _fitting.read_tests(args)
     take_found_law(args)
     options = _fitting.comparison_options(args, tests)
 
     from bulgefit.fitting.evaluate import evaluate, evaluate_resting
     from bulgefit.fitting.problem import stated_ratio
+    from bulgefit.model.parameters import check_replaced
 
     if args.undeformed:
         result = evaluate_resting(tests, **options)
     else:
         given = args.nu12 is not None or args.nu is not None or args.G is not None
         ratio = tests[0].poisson_ratio if given else stated_ratio(tests)
+        ratios = given_ratios(args)
         take_found_moduli(args)
+        held = held_from(args, len(tests))
+        check_replaced(held, ratios)
         material = _common.material_from(args, ratio)
-        result = evaluate(tests, material, effects=held_from(args, len(tests)), **options)
+        result = evaluate(tests, material, effects=held, **options)
     _common.deliver(args, result, result.report())
     return 0

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bulgefit.cli import _common
 from bulgefit.cli._effects import (
     add_effect_arguments,
+    given_ratios,
     held_by_hand,
     held_from,
     take_found_law,
@@ -106,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write and print."""
     pressures = _pressures(args.pressure)
     _check_outputs(args, len(pressures))
+    ratios = given_ratios(args)
     take_found_law(args)
     take_found_moduli(args)
     material = _common.material_from(args)
@@ -117,8 +119,11 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from bulgefit.fem.mesh import DEFAULT_REFINE
+    from bulgefit.model.parameters import check_replaced
     from bulgefit.model.simulation import simulate
 
+    held = _held(args)
+    check_replaced(held, ratios)
     mesh, reach = None, radius or _USUAL_RADIUS
     if args.mesh is not None:
         mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
@@ -139,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
         ellipticity=ellipticity,
         thickness=args.thickness,
         angle=args.angle,
-        effects=_held(args),
+        effects=held,
         **_common.solver_options(args),
     )
     _common.deliver(

@@ -19,7 +19,13 @@ from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.parameters import Material, free_parameters, held_by, parameters_of
+from bulgefit.model.parameters import (
+    Material,
+    check_replaced,
+    free_parameters,
+    held_by,
+    parameters_of,
+)
 
 __all__ = [
     "Evaluation",
@@ -128,6 +134,10 @@ class Problem:
         for key in fixed:
             if key.name in {own.name for own in self.keys}:
                 raise InputError(f"hold: {key} is fitted; hold it or fit it")
+        asked = (*self.keys, *fixed)
+        check_replaced(
+            [str(key) for key in asked if key.effect], [k.name for k in asked if not k.effect]
+        )
         if not self.free:
             raise InputError(
                 "bounds: they hold everything, and nothing is left to fit; widen those of one, or "

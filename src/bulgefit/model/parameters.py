@@ -16,7 +16,15 @@ from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import InputError, needed
 from bulgefit.fem.elasticity import isotropic_constants, orthotropic_stiffness
 
-__all__ = ["MATERIALS", "Material", "as_effects", "as_material", "as_values", "material"]
+__all__ = [
+    "MATERIALS",
+    "Material",
+    "as_effects",
+    "as_material",
+    "as_values",
+    "check_replaced",
+    "material",
+]
 
 Floats = NDArray[np.float64]
 
@@ -148,6 +156,27 @@ def as_effects(given: Any) -> dict[str, float]:
     for name, value in values.items():
         parameter_named(Key.read(name).name).require(value, f"effects: {name}")
     return values
+
+
+def check_replaced(effects: Iterable[str], stated: Iterable[str]) -> None:
+    """Refuse what is stated of the material where an effect takes its place, and it does nothing.
+
+    Parameters
+    ----------
+    effects : iterable of str
+        Names of effects' parameters, held or fitted.
+    stated : iterable of str
+        Names of the material's parameters that were asked for.
+
+    Raises
+    ------
+    InputError
+    """
+    ratios = [name for name in stated if name in HELD_BY_DEFAULT]
+    for name in effects:
+        # an effect without a null of its own is nothing but another value of the material's
+        if ratios and parameter_named(Key.read(name).name).null is None:
+            raise InputError(f"{name} takes the place of {ratios[0]}: give one of them")
 
 
 def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
