@@ -537,6 +537,14 @@ def test_evaluate(folder, capsys):
     assert all(len(source["sha256"]) == 64 for source in result["sources"])
 
 
+@pytest.mark.parametrize("words", [["evaluate"], ["measure", "--window", "60"]])
+def test_moduli_in_pa_are_warned_of(words, folder, capsys):
+    moduli = ["--E1", "330e6", "--E2", "240e6", "--G12", "30e6"]
+    assert run(words[0], "good.npz", *words[1:], *moduli) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("warning: E1 = 3.3e+08 MPa: nothing is stiffer than diamond")
+
+
 def test_evaluate_at_rest_and_as_a_table(folder, arrays, capsys):
     result = json_alone(capsys, "evaluate", "good.npz", "--undeformed", "--weight", "0.1")
     mean = np.nanmean(np.abs(arrays["displacement"]), axis=(0, 1))

@@ -39,6 +39,7 @@ __all__ = [
     "solver_options",
     "step",
     "versions",
+    "warn_of_moduli",
     "workers_from",
     "write_json",
 ]
@@ -378,6 +379,15 @@ def progress(args: argparse.Namespace, message: str) -> None:
     """Say on stderr what is going on, unless --quiet."""
     if not getattr(args, "quiet", False):
         say(f"{message}\n")
+
+
+def warn_of_moduli(args: argparse.Namespace, material: Material, thickness: float) -> None:
+    """Of moduli that no cloth of this thickness (mm) has, so that they may be in another unit."""
+    from bulgefit.dic.suspicions.sizes import about_moduli
+
+    moduli = {name: value for name, value in material.values.items() if name.startswith("E")}
+    for one in about_moduli(thickness, moduli):
+        progress(args, f"warning: {one.text}; {one.remedy}")
 
 
 def add_workers_argument(parser: argparse.ArgumentParser) -> None:

@@ -53,6 +53,7 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
     check_needs(by_key(held), [test])
     check_replaced(held, ratios)
     material = _common.material_from(args, test.poisson_ratio)
+    _common.warn_of_moduli(args, material, test.thickness)
     law = found_law(args)
     setup = None if law is None else Setup(law=law)
     return predict(test, material, effects=held, setup=setup)

@@ -76,6 +76,7 @@ def run(args: argparse.Namespace) -> int:
         held = held_from(args, len(tests))
         check_replaced(held, ratios)
         material = _common.material_from(args, ratio)
+        _common.warn_of_moduli(args, material, tests[0].thickness)
         result = evaluate(tests, material, effects=held, **options)
     _common.deliver(args, result, result.report())
     return 0

@@ -192,15 +192,15 @@ def _by_reason(hidden: Mapping[str, str]) -> str:
 def _warn_of_sizes(args: argparse.Namespace, material: Material, radius: float) -> None:
     """Of what `info` would not believe of a test: units that were taken for others."""
     from bulgefit.dic.check import check_lengths
-    from bulgefit.dic.suspicions.sizes import about_specimen
+    from bulgefit.dic.suspicions.sizes import about_thickness
 
-    moduli = {name: value for name, value in material.values.items() if name.startswith("E")}
     try:
         check_lengths(radius, args.thickness, "specimen")
     except InputError as error:  # which a simulation can do without
         _common.progress(args, f"warning: {error}")
-    for one in about_specimen(radius, args.thickness, moduli):
+    for one in about_thickness(radius, args.thickness):
         _common.progress(args, f"warning: {one.text}; {one.remedy}")
+    _common.warn_of_moduli(args, material, args.thickness)
 
 
 def _pressures(text: str) -> list[float]:

@@ -10,7 +10,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_sizes", "about_specimen"]
+__all__ = ["about_moduli", "about_sizes", "about_thickness"]
 
 # Highest pressures, MPa, between which a test on a fabric is expected (0.02 to 10 bar).
 _USUAL_PRESSURE = (0.002, 1.0)
@@ -44,15 +44,12 @@ def about_sizes(test: BulgeTest) -> Iterator[Suspicion]:
             "asks for?",
             f"if they are in another one: {_UNIT}",
         )
-    yield from _about_thickness(test.radius, test.thickness)
+    yield from about_thickness(test.radius, test.thickness)
     yield from _about_rise(test)
 
 
-def about_specimen(
-    radius: float, thickness: float, moduli: Mapping[str, float]
-) -> Iterator[Suspicion]:
-    """Of a specimen that is to be inflated: lengths in mm, Young's moduli in MPa by name."""
-    yield from _about_thickness(radius, thickness)
+def about_moduli(thickness: float, moduli: Mapping[str, float]) -> Iterator[Suspicion]:
+    """Of the cloth of a model: its thickness in mm, Young's moduli in MPa by name."""
     name = max(moduli, key=lambda one: moduli[one])
     stiffness = moduli[name] * thickness
     if moduli[name] > _STIFFEST:
@@ -71,7 +68,8 @@ def about_specimen(
         )
 
 
-def _about_thickness(radius: float, thickness: float) -> Iterator[Suspicion]:
+def about_thickness(radius: float, thickness: float) -> Iterator[Suspicion]:
+    """Whether a membrane of this radius can be so thick (mm)."""
     if 2 * radius < _MEMBRANE * thickness:
         yield Suspicion(
             "thickness_size",
