@@ -355,6 +355,10 @@ BAD = {
     "json exists": (["--json", "there.json"], "there.json: exists; use --force"),
     "json folder": (["--json", "."], "is a folder"),
     "no folder": (["--json", "no/such/r.json"], "does not exist"),
+    "json in what was found": (
+        ["--from", "found.json", "--json", "./found.json", "--force"],
+        "would replace what is read",
+    ),
     "json in the mesh": (["--mesh", "m.npz", "--json", "m.npz", "--force"], "would replace what"),
     "outputs of one name": (["--output", "z.npz", "--json", "./z.npz"], "two outputs have this"),
     "picture and json": (["--picture", "z.png", "--json", "z.png"], "two outputs have this name"),
@@ -384,6 +388,7 @@ def test_bad_input_is_one_line(case, tmp_path, monkeypatch, capsys):
     nodes = np.concatenate([mesh.nodes, mesh.nodes + np.array([300.0, 0.0])])
     np.savez("two.npz", nodes=nodes, cells=[*mesh.cells, *(mesh.cells + len(mesh.nodes))])
     Path("there.json").touch()
+    Path("found.json").touch()
     Path("path_0000.vtu").touch()
     before = sorted(os.listdir())
     words, message = BAD[case]

@@ -434,6 +434,16 @@ def test_json_that_is_a_figure(folder, capsys):
     refused(capsys, folder, "two outputs have this name", *words)
 
 
+@pytest.mark.parametrize(
+    ("words", "output"),
+    [(["measure", "good.npz", "--json"], "p.csv"), (["show", "good.npz"], "p.png")],
+)
+def test_outputs_on_the_table_of_pressures(words, output, folder, capsys):
+    Path(output).touch()
+    more = ["--pressure", f"./{output}", "--force"]
+    refused(capsys, folder, "would replace what is read", *words, output, *more)
+
+
 def test_json_on_a_test_that_info_reads(folder, capsys):
     words = ["info", "good.npz", "--json", "good.npz", "--force"]
     refused(capsys, folder, "good.npz: would replace what is read as input", *words)

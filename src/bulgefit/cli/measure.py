@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write, draw and print."""
     files = _files(args)
-    _common.check_outputs(args, files_read([args.test, args.from_file]), files)
+    _common.check_outputs(args, files_read([args.test, args.from_file, args.pressure]), files)
     (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
 
     from bulgefit.dic.surface.measured import measure

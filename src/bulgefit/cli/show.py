@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         from bulgefit.report.films import check_film
 
         check_film(args.output, args.force)
-    check_apart([args.output], files_read([args.test, args.from_file]))
+    check_apart([args.output], files_read([args.test, args.from_file, args.pressure]))
     (test,) = tests_from(argparse.Namespace(**{**vars(args), "tests": [args.test]}))
     common: dict[str, Any] = {"window": args.window, "force": args.force}
     predicted = predicted_from(args, test)

@@ -244,7 +244,7 @@ def _check_outputs(args: argparse.Namespace, count: int) -> None:
         outputs.append(args.picture)
     for path in outputs:
         check_output(path, args.force)
-    _common.check_outputs(args, files_read([args.mesh]), outputs)
+    _common.check_outputs(args, files_read([args.mesh, args.from_file]), outputs)
 
 
 def _write_shapes(args: argparse.Namespace, result: Simulation) -> None:
