@@ -319,6 +319,7 @@ BAD = {
     "law": (["--law", "hooke"], "law: 'hooke' is unknown; choose from hencky, svk, yarn"),
     "inadmissible": (["--E1", "5", "--nu12", "0.9"], "E1/E2 must exceed nu12²"),
     "shear": (["--G12", "-5"], "G12 must be positive, got -5 MPa"),
+    "beyond numbers": (["--G12", "1e200"], "G12 must be at most 1e+30 MPa, got 1e+200 MPa"),
     "mixture": (["--E", "5"], "--E1 and --E do not go together"),
     "number": (["--E1", "lots"], "argument --E1: invalid float value: 'lots'"),
     "mesh missing": (["--mesh", "nowhere.npz"], "nowhere.npz: cannot be read"),

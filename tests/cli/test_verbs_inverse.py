@@ -189,6 +189,7 @@ SEARCH = {
     "bounds reversed": (["--bounds", "E1=400:200"], "bounds of E1 are reversed: 400:200"),
     "everything held": (["--bounds", "E1=3:3,E2=3:3,G12=3:3"], "nothing is left to fit"),
     "bounds below zero": (["--bounds", "G12=-1:5"], "bounds of G12 must be positive"),
+    "bounds beyond numbers": (["--bounds", "E1=1:1e200"], "bounds of E1 must be at most 1e+30 MPa"),
     "bounds not finite": (["--bounds", "E1=100:inf"], "bounds of E1 must be finite"),
     "bounds of what": (["--bounds", "E9=1:2"], "bounds: 'E9' is no parameter of orthotropic"),
     "bounds of a held one": (["--bounds", "nu12=0:0.4"], "bounds: nu12 is held fixed"),

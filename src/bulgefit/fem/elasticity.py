@@ -10,10 +10,24 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError
 
-__all__ = ["STIFFNESS_NAMES", "orthotropic_stiffness", "orthotropic_stiffness_derivative"]
+__all__ = [
+    "STIFFEST",
+    "STIFFNESS_NAMES",
+    "orthotropic_stiffness",
+    "orthotropic_stiffness_derivative",
+]
 
 #: Components of the plane-stress stiffness as the kernels hold them.
 STIFFNESS_NAMES = ("D11", "D22", "D12", "D33")
+#: MPa: far beyond any material's, and so that products of some moduli still are numbers.
+STIFFEST = 1e30
+
+
+def _check_modulus(name: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{name} must be positive, got {value:g} MPa")
+    if value > STIFFEST:
+        raise InputError(f"{name} must be at most {STIFFEST:g} MPa, got {value:g} MPa")
 
 
 def check_orthotropic(e1: float, e2: float, g12: float, nu12: float) -> None:
@@ -25,8 +39,7 @@ def check_orthotropic(e1: float, e2: float, g12: float, nu12: float) -> None:
         Naming the constant and the condition (Jones, 1999, eq. 2.136: |nu12| < √(E1/E2)).
     """
     for name, value in (("E1", e1), ("E2", e2), ("G12", g12)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} must be positive, got {value:g} MPa")
+        _check_modulus(name, value)
     if not math.isfinite(nu12):
         raise InputError(f"nu12 must be finite, got {nu12:g}")
     if not e1 / e2 > nu12**2:
@@ -78,12 +91,10 @@ def isotropic_constants(values: Mapping[str, float]) -> dict[str, float]:
         nu outside 0 <= nu < 0.5, also where it follows from E and G as E/2G - 1.
     """
     modulus = values["E"]
-    if not (math.isfinite(modulus) and modulus > 0.0):
-        raise InputError(f"E must be positive, got {modulus:g} MPa")
+    _check_modulus("E", modulus)
     if "G" in values:
         shear = values["G"]
-        if not (math.isfinite(shear) and shear > 0.0):
-            raise InputError(f"G must be positive, got {shear:g} MPa")
+        _check_modulus("G", shear)
         nu = modulus / (2.0 * shear) - 1.0
         origin = f" (E = {modulus:g} MPa and G = {shear:g} MPa give nu = E/2G - 1)"
     else:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bulgefit.effects.parameter import Key, Parameter
 from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import InputError, needed
-from bulgefit.fem.elasticity import isotropic_constants, orthotropic_stiffness
+from bulgefit.fem.elasticity import STIFFEST, isotropic_constants, orthotropic_stiffness
 
 __all__ = [
     "MATERIALS",
@@ -250,6 +250,10 @@ def free_parameters(
             raise InputError(f"bounds of {name} are reversed: {lower:g}:{upper:g}")
         if known[name].unit == "MPa" and lower <= 0:
             raise InputError(f"bounds of {name} must be positive, got {lower:g}:{upper:g} MPa")
+        if known[name].unit == "MPa" and upper > STIFFEST:
+            raise InputError(
+                f"bounds of {name} must be at most {STIFFEST:g} MPa, got {lower:g}:{upper:g}"
+            )
     return tuple(
         replace(known[n], lower=limits[n][0], upper=limits[n][1]) if n in limits else known[n]
         for n in known
