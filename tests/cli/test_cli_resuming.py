@@ -108,6 +108,28 @@ def test_the_result_is_the_same(verb: str, folder: Path, interrupt: Any, capsys:
     assert "parts.json: exists; use --force to replace it" in capsys.readouterr().err
 
 
+def test_only_what_the_interrupted_run_named_is_replaced(
+    folder: Path, interrupt: Any, capsys: Any
+) -> None:
+    words = [*COMMANDS["fit"], *SEARCH, "--journal", "done"]
+    interrupt(3)
+    assert run(*words, "--json", "a.json") == 130
+    assert Path("a.json").exists()
+    for option, name in (("--json", "b.json"), ("--report", "b.html"), ("--plots", "figures")):
+        place = Path(name, "good_profiles.png") if name == "figures" else Path(name)
+        place.parent.mkdir(exist_ok=True)
+        place.write_text("mine")
+        capsys.readouterr()
+        assert run(*words, "--resume", option, name) == 2
+        assert f"{place}: exists; use --force to replace it" in capsys.readouterr().err
+        assert place.read_text() == "mine"
+    # and what the run that went on named, where it was interrupted as well
+    interrupt(1)
+    assert run(*words, "--resume", "--json", "c.json") == 130
+    assert Path("c.json").exists()
+    assert run(*words, "--resume", "--json", "c.json") == 0
+
+
 def test_what_is_done_is_not_done_again(
     folder: Path, interrupt: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

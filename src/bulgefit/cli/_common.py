@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
@@ -31,6 +32,7 @@ __all__ = [
     "executor_from",
     "load_mesh",
     "material_from",
+    "may_replace",
     "mesh_from",
     "named_values",
     "prints_json",
@@ -277,9 +279,21 @@ def check_outputs(
 
     outputs = [*others]
     if args.json is not None and not prints_json(args):
-        check_output(args.json, args.force)
+        check_output(args.json, may_replace(args, args.json))
         outputs.append(args.json)
     check_apart(outputs, inputs)
+
+
+def may_replace(args: argparse.Namespace, output: str | Path) -> bool:
+    """Whether an output that exists may be replaced: by --force, or by the run that goes on.
+
+    Parameters
+    ----------
+    args : Namespace
+    output : path
+        As its option names it, a file or a folder.
+    """
+    return bool(args.force) or os.path.realpath(output) in getattr(args, "begun", ())
 
 
 def deliver(
@@ -311,7 +325,7 @@ def deliver(
         for work in reversed(works):
             rest.callback(work)
         if args.json is not None and not prints_json(args):
-            write_json(payload, args.json, args.force)
+            write_json(payload, args.json, may_replace(args, args.json))
 
 
 def write_json(payload: Mapping[str, Any], target: str, force: bool = False) -> None:
@@ -403,8 +417,6 @@ def add_workers_argument(parser: argparse.ArgumentParser) -> None:
 
 def workers_from(args: argparse.Namespace) -> int:
     """Number of workers."""
-    import os
-
     if args.workers is None:
         usable = getattr(os, "sched_getaffinity", None)
         return len(usable(0)) if usable else os.cpu_count() or 1

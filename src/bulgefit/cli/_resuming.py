@@ -19,8 +19,10 @@ __all__ = ["add_resume_arguments", "ready", "resumable"]
 #: Options that change nothing in what is computed.
 _BESIDE = (
     *("config", "save_config", "json", "force", "quiet", "workers", "scheduler", "resume"),
-    *("journal", "plots", "plot", "csv", "report", "output", "words", "began"),
+    *("journal", "plots", "plot", "csv", "report", "output", "words", "began", "begun"),
 )
+#: Options that name what is written beside the journal.
+_WRITTEN = ("json", "csv", "plot", "plots", "report")
 #: Options whose files are read beside the tests.
 _READ_BESIDE = ("mesh", "from_file")
 
@@ -54,7 +56,7 @@ def add_resume_arguments(parser: argparse.ArgumentParser, output: str) -> None:
 
 
 def ready(args: argparse.Namespace) -> None:
-    """Let a run that goes on replace what the interrupted one wrote; before outputs are checked.
+    """Let a run that goes on replace what the interrupted one named; before outputs are checked.
 
     Raises
     ------
@@ -62,6 +64,7 @@ def ready(args: argparse.Namespace) -> None:
         --resume without a place for a journal.
     """
     from bulgefit.files import check_apart
+    from bulgefit.parallel.journal import outputs_of
 
     place = _place(args)
     if args.resume and place is None:
@@ -70,7 +73,7 @@ def ready(args: argparse.Namespace) -> None:
         return
     check_apart([place, *([args.json] if args.json not in (None, "-") else [])])
     if args.resume and place.is_file():
-        args.force = True
+        args.begun = outputs_of(place)
 
 
 @contextmanager
@@ -111,6 +114,7 @@ def resumable(
         _asked(args, verb, tests),
         resume=args.resume,
         force=getattr(args, "force", False),
+        outputs=map(os.path.realpath, _written(args)),
         tell=lambda line: _common.progress(args, f"warning: {line}"),
     ):
         yield resumed
@@ -125,6 +129,12 @@ def _place(args: argparse.Namespace) -> Path | None:
         return None
     # what a link names, as the output itself
     return Path(os.path.realpath(output) + ".part")
+
+
+def _written(args: argparse.Namespace) -> list[str]:
+    """What is written beside the journal, as its options name it."""
+    named = [getattr(args, option, None) for option in _WRITTEN]
+    return [name for name in named if name not in (None, "-")]
 
 
 def _asked(args: argparse.Namespace, verb: str, tests: Sequence[BulgeTest]) -> Mapping[str, Any]:

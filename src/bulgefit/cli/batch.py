@@ -58,11 +58,11 @@ def run(args: argparse.Namespace) -> int:
     others = [file for file in (args.csv, args.plot) if file is not None]
     _common.check_outputs(args, _fitting.inputs(args), others)
     if args.csv is not None:
-        check_output(args.csv, args.force)
+        check_output(args.csv, _common.may_replace(args, args.csv))
     if args.plot is not None:
         from bulgefit.report.spreads import check_plot
 
-        check_plot(args.plot, args.force)
+        check_plot(args.plot, _common.may_replace(args, args.plot))
     tests = _fitting.read_tests(args)
     if len(tests) < 2:
         raise InputError("a batch needs two tests or more; bulgefit fit fits one")
@@ -84,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
         batch = batch_of(fits)
         works = []
         if args.csv is not None:
-            works.append(partial(atomic_write_text, args.csv, _csv(batch), args.force))
+            force = _common.may_replace(args, args.csv)
+            works.append(partial(atomic_write_text, args.csv, _csv(batch), force))
         if args.plot is not None:
             works.append(partial(_draw, args, batch))
         _common.deliver(args, batch.to_dict(), batch.report(), *works)
@@ -100,5 +101,5 @@ def _csv(batch: Batch) -> str:
 def _draw(args: argparse.Namespace, batch: Batch) -> None:
     from bulgefit.report.spreads import plot_spreads
 
-    plot_spreads(batch, args.plot, force=args.force)
+    plot_spreads(batch, args.plot, force=_common.may_replace(args, args.plot))
     _common.progress(args, f"drew {args.plot}")

@@ -149,7 +149,8 @@ def _report_files(args: argparse.Namespace, tests: list[BulgeTest]) -> Sequence[
         return check_page(args)
     from bulgefit.report.diagnosis import check_report
 
-    return check_report([t.name for t in tests], args.report, args.force)
+    force = _common.may_replace(args, args.report)
+    return check_report([t.name for t in tests], args.report, force)
 
 
 def _works(
@@ -165,7 +166,8 @@ def _draw(args: argparse.Namespace, found: Diagnosis, record: dict[str, Any]) ->
     from bulgefit.report.diagnosis import write_report
 
     told = {**record, "run": _common.run_of(args)}
-    files = write_report(found, args.report, record=told, force=args.force)
+    force = _common.may_replace(args, args.report)
+    files = write_report(found, args.report, record=told, force=force)
     _common.progress(args, f"drew {len(files)} files into {args.report}; open {files[0]}")
 
 

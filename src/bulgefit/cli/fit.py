@@ -200,7 +200,7 @@ def _figure_names(args: argparse.Namespace, names: list[str]) -> list[tuple[Path
     files = [path for pair in pairs for path in pair]
     if folder.is_dir():
         for path in files:
-            check_output(path, args.force)
+            check_output(path, _common.may_replace(args, args.plots))
     return pairs
 
 
@@ -229,9 +229,10 @@ def _draw(
     ]
     values = ", ".join(_with_unit(name, v) for name, v in result.material.values.items())
     label = f"{result.objective} fit: {values}"
+    force = _common.may_replace(args, args.plots)
     for test, prediction, (profiles, residuals) in zip(tests, predictions, figures, strict=True):
-        plot_profiles(test, prediction, profiles, label=label, force=args.force)
-        plot_residuals(test, prediction, residuals, force=args.force)
+        plot_profiles(test, prediction, profiles, label=label, force=force)
+        plot_residuals(test, prediction, residuals, force=force)
         _common.progress(args, f"drew {profiles} and {residuals}")
 
 

@@ -96,7 +96,7 @@ def check_page(args: argparse.Namespace) -> list[str]:
     if args.report is None:
         return []
     _check_name(args.report, "--report")
-    check_output(args.report, args.force)
+    check_output(args.report, _common.may_replace(args, args.report))
     return [args.report]
 
 
@@ -116,7 +116,7 @@ def _write(
     from bulgefit.report.page.page import page_html
 
     page = page_html({**result, "run": _common.run_of(args)}, tests)
-    atomic_write_text(args.report, page, args.force)
+    atomic_write_text(args.report, page, _common.may_replace(args, args.report))
     _common.progress(args, f"wrote {args.report}")
 
 

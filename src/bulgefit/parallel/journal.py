@@ -1,8 +1,9 @@
 """What of a long run is done already? A journal on disk, from which an interrupted run goes on.
 
-A journal is one file. Its first record says what the run was asked; each further one holds the
-result of one piece of work, with its length and checksum before it, on the disk before the next is
-begun. A record that was being written when all ended does not fit its checksum, and is done again.
+A journal is one file. Its first record says what the run was asked, others which files it writes,
+so that whoever goes on may replace them; each further one holds the result of one piece of work,
+with its length and checksum before it, on the disk before the next is begun. A record that was
+being written when all ended does not fit its checksum, and is done again.
 
 A run does its pieces in an order that depends on nothing but what it was asked, so a piece is known
 by its call of `kept` or `spread` and its place in it.
@@ -18,7 +19,7 @@ import os
 import pickle
 import struct
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import Enum
@@ -28,13 +29,15 @@ from typing import Any, BinaryIO, TypeVar
 from bulgefit.errors import InputError
 from bulgefit.files import atomic_write_bytes, open_regular
 
-__all__ = ["Journal", "journaled", "kept", "within_a_piece"]
+__all__ = ["Journal", "journaled", "kept", "outputs_of", "within_a_piece"]
 
 Result = TypeVar("Result")
 
 _MAGIC = b"bulgefit journal 1\n"
 #: Before each record: the call and the place that it is the result of, its length, and its SHA-256.
 _HEAD = struct.Struct("<QQQ32s")
+#: Call and place of what the run was asked, and of the outputs that it names: of no piece.
+_ASKED, _OUTPUTS = (0, 0), (0, 1)
 
 #: What numpy's arrays and numbers are made by when they are read. Other names are classes of ours.
 _NUMPY = {
@@ -67,6 +70,7 @@ class Journal:
     def __init__(self, path: Path, file: BinaryIO, tell: Callable[[str], None]) -> None:
         self.path, self._file, self._tell = path, file, tell
         self._places: dict[int, dict[int, int]] = {}
+        self._outputs: set[str] = set()
         self._calls = 0
         self._writes = True
 
@@ -96,9 +100,19 @@ class Journal:
 
     def keep(self, call: int, index: int, result: Any) -> None:
         """Write the result of one piece, and wait until it is on the disk."""
+        place = self._append(_packed(call, index, pickle.dumps(result, protocol=5)))
+        if place is not None:
+            self._places.setdefault(call, {})[index] = place
+
+    def note(self, outputs: Iterable[str]) -> None:
+        """Write which files the run writes, but for those that are known."""
+        if new := sorted({*outputs} - self._outputs):
+            self._append(_packed(*_OUTPUTS, json.dumps(new).encode()))
+
+    def _append(self, record: bytes) -> int | None:
+        """Where a record stands once it is on the disk; None where it cannot be written."""
         if not self._writes:
-            return
-        record = _packed(call, index, pickle.dumps(result, protocol=5))
+            return None
         place = self._file.seek(0, os.SEEK_END)
         try:
             self._file.write(record)
@@ -112,8 +126,8 @@ class Journal:
                 f"{self.path}: cannot be written ({error.strerror}); the run goes on, and what it "
                 "does from here is not kept for --resume"
             )
-            return
-        self._places.setdefault(call, {})[index] = place
+            return None
+        return place
 
     def read(self) -> Mapping[str, Any] | None:
         """What the run was asked, once the places of all that is done are known.
@@ -125,8 +139,11 @@ class Journal:
             return None
         place = self._file.tell()
         while (record := _record(self._file, place)) is not None:
-            call, index, _ = record
-            self._places.setdefault(call, {})[index] = place
+            call, index, content = record
+            if (call, index) == _OUTPUTS:
+                self._outputs.update(json.loads(content))
+            else:
+                self._places.setdefault(call, {})[index] = place
             place = self._file.tell()
         self._file.truncate(place)
         return dict(json.loads(first[2]))
@@ -174,6 +191,7 @@ def journaled(
     *,
     resume: bool = False,
     force: bool = False,
+    outputs: Iterable[str] = (),
     tell: Callable[[str], None] = lambda line: None,
 ) -> Iterator[Journal]:
     """Keep what is done in the block, and take what was done before.
@@ -190,6 +208,8 @@ def journaled(
         Go on from a journal that is there; where there is none, begin.
     force : bool
         Begin anew where there is a journal and `resume` is false.
+    outputs : iterable of str
+        What the run writes beside the journal, for `outputs_of`.
     tell : callable
         Told in one line that the journal cannot be written any more.
 
@@ -214,6 +234,7 @@ def journaled(
     token = _current.set(journal)
     try:
         _check_asked(journal, plain)
+        journal.note(outputs)
         ended = False
         try:
             yield journal
@@ -228,8 +249,23 @@ def journaled(
         journal.close()
 
 
+def outputs_of(path: str | os.PathLike[str]) -> frozenset[str]:
+    """The outputs that a journal's runs named; none of what is no journal."""
+    found: set[str] = set()
+    with suppress(InputError, OSError), open_regular(path) as file:
+        place = len(_MAGIC)
+        if file.read(place) != _MAGIC:
+            return frozenset()
+        while (record := _record(file, place)) is not None:
+            call, index, content = record
+            if (call, index) == _OUTPUTS:
+                found.update(json.loads(content))
+            place = file.tell()
+    return frozenset(found)
+
+
 def _begin(place: Path, asked: Mapping[str, Any], force: bool) -> None:
-    atomic_write_bytes(place, _MAGIC + _packed(0, 0, json.dumps(asked).encode()), force)
+    atomic_write_bytes(place, _MAGIC + _packed(*_ASKED, json.dumps(asked).encode()), force)
 
 
 def _packed(call: int, index: int, content: bytes) -> bytes:
