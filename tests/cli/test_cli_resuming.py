@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import threading
 from pathlib import Path
@@ -259,7 +260,37 @@ def test_a_batch_shows_how_specimens_differ(folder: Path, capsys: Any) -> None:
     ]
     assert [float(row[1]) for row in rows[1:3]] == [one, other]
     assert Path("b.png").read_bytes()[:4] == b"\x89PNG"
+    assert rows[0][-1] == "not_fitted"
     assert run("batch", "good.npz", *SEARCH) == 2
     assert "a batch needs two tests or more" in capsys.readouterr().err
     assert run(*words, "--csv", "good.npz", "--force") == 2
     assert "good.npz: would replace what is read" in capsys.readouterr().err
+
+
+def test_a_batch_tells_the_rest_where_one_cannot_be_fitted(
+    folder: Path, arrays: dict[str, Any], capsys: Any
+) -> None:
+    """At 2 MPa no cloth within the bounds has an equilibrium."""
+    np.savez("burst.npz", **{**arrays, "pressure": arrays["pressure"] * 10.0})
+    worse = {"pressure": arrays["pressure"] * 12.0, "displacement": arrays["displacement"] * 1.1}
+    np.savez("worse.npz", **{**arrays, **worse})
+    words = ["batch", "good.npz", "burst.npz", "other.npz", *SEARCH]
+    assert run(*words, "--json", "b.json", "--csv", "b.csv") == 2
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("bulgefit batch: error: not fitted: burst: no start found an equi")
+    assert "burst: not fitted: no start found an equilibrium" in said.out
+    found = json.loads(Path("b.json").read_text())
+    assert [specimen["name"] for specimen in found["specimens"]] == ["good", "other"]
+    (missing,) = found["not_fitted"]
+    assert missing["name"] == "burst"
+    assert missing["reason"].startswith("no start found an equilibrium")
+    with open("b.csv", newline="") as file:
+        rows = {row["specimen"]: row for row in csv.DictReader(file)}
+    assert rows["burst"]["not_fitted"] == missing["reason"]
+    assert rows["burst"]["E1_MPa"] == ""
+    assert rows["good"]["not_fitted"] == ""
+    assert float(rows["other"]["E1_MPa"]) > 0.0
+    assert not Path("b.json.part").exists()
+    assert run("batch", "burst.npz", "worse.npz", *SEARCH, "--json", "n.json") == 2
+    assert not [*folder.glob("n.json*")]

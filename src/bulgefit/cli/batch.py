@@ -6,14 +6,18 @@ import argparse
 import csv
 import io
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
-from bulgefit.errors import InputError
+from bulgefit.errors import BulgefitError, InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bulgefit.dic import BulgeTest
     from bulgefit.fitting.batch import Batch
+    from bulgefit.fitting.result import FitResult
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -26,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fit each test by itself, and show the parameters with their mean, their standard\n"
         "deviation over the specimens, and how much of it lies beyond the standard errors of the\n"
-        "fits. Options as of fit; in e_w all specimens have one weight of dz. Moduli in MPa."
+        "fits. Options as of fit; in e_w all specimens have one weight of dz. Moduli in MPa.\n"
+        "Where a specimen cannot be fitted, the others are told, and why not; exit status 2 then."
     )
     parser.epilog = (
         "examples:\n"
@@ -70,26 +75,46 @@ def run(args: argparse.Namespace) -> int:
     _fitting.check_search(args, options)
 
     from bulgefit.fitting.batch import batch_of
-    from bulgefit.fitting.fit import fit
     from bulgefit.fitting.objective import displacement_weight
 
     if options["weight"] is None:
         options["weight"] = displacement_weight(tests)
     with _resuming.resumable(args, "batch", tests):
-        with _common.executor_from(args) as executor:
-            fits = []
-            for test in tests:
-                _common.step(args, f"fitting {test.name}")
-                fits.append(fit(test, args.objective, executor=executor, **options))
-        batch = batch_of(fits)
-        works = []
-        if args.csv is not None:
-            force = _common.may_replace(args, args.csv)
-            works.append(partial(atomic_write_text, args.csv, _csv(batch), force))
-        if args.plot is not None:
-            works.append(partial(_draw, args, batch))
-        _common.deliver(args, batch.to_dict(), batch.report(), *works)
+        fits, unfitted = _fitted(args, tests, options)
+        if fits:
+            batch = batch_of(fits, unfitted)
+            works = []
+            if args.csv is not None:
+                force = _common.may_replace(args, args.csv)
+                works.append(partial(atomic_write_text, args.csv, _csv(batch), force))
+            if args.plot is not None:
+                works.append(partial(_draw, args, batch))
+            _common.deliver(args, batch.to_dict(), batch.report(), *works)
+    # only now, so that no journal is left: going on from it would end here again
+    if unfitted:
+        raise BulgefitError(
+            "not fitted: " + "; ".join(f"{name}: {why}" for name, why in unfitted.items())
+        )
     return 0
+
+
+def _fitted(
+    args: argparse.Namespace, tests: Sequence[BulgeTest], options: dict[str, Any]
+) -> tuple[list[FitResult], dict[str, str]]:
+    """The fits, and why there are none of the other tests, by their names."""
+    from bulgefit.fitting.fit import fit
+
+    fits, unfitted = list[Any](), dict[str, str]()
+    with _common.executor_from(args) as executor:
+        for test in tests:
+            _common.step(args, f"fitting {test.name}")
+            try:
+                fits.append(fit(test, args.objective, executor=executor, **options))
+            except InputError:  # what was asked, or the journal: not the specimen
+                raise
+            except BulgefitError as error:
+                unfitted[test.name] = str(error)
+    return fits, unfitted
 
 
 def _csv(batch: Batch) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -101,14 +101,17 @@ class Batch(Drawn, Tabled):
         Of one test each, with the same parameters.
     spreads : dict of name to Spread
         Of the free parameters.
+    unfitted : dict of name to str
+        Why specimens could not be fitted.
     """
 
     fits: tuple[FitResult, ...]
     spreads: dict[str, Spread]
+    unfitted: dict[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> list[str]:
-        """What the specimens are called."""
+        """What the fitted specimens are called."""
         return [fit.sources[0]["name"] for fit in self.fits]
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,26 +120,32 @@ class Batch(Drawn, Tabled):
             "specimens": [
                 {"name": n, **f.to_dict()} for n, f in zip(self.names, self.fits, strict=True)
             ],
+            "not_fitted": [{"name": n, "reason": why} for n, why in self.unfitted.items()],
             "spread": {name: asdict(spread) for name, spread in self.spreads.items()},
         }
 
     def rows(self) -> list[list[str]]:
-        """A table of text cells, numbers in full: a head, a row a specimen, then the spread."""
+        """A table of text cells, numbers in full: a head, a row a specimen, then the spread.
+
+        The last column says why a specimen could not be fitted.
+        """
         head = ["specimen"]
         for name, spread in self.spreads.items():
             unit = "" if spread.unit == "1" else f"_{spread.unit}"
             head += [f"{name}{unit}", f"{name}_stderr{unit}"]
-        rows = [head]
+        rows = [[*head, "not_fitted"]]
         for name, fit in zip(self.names, self.fits, strict=True):
             row = [name]
             for parameter in self.spreads:
                 found = _found(fit, parameter)
                 row += ["", ""] if found is None else [repr(number) for number in found]
-            rows.append(row)
+            rows.append([*row, ""])
+        for name, why in self.unfitted.items():
+            rows.append([name, *[""] * (len(head) - 1), why])
         for of in ("mean", "standard_deviation", "scatter"):
             numbers = [getattr(spread, of) for spread in self.spreads.values()]
             cells = [["" if number is None else repr(number), ""] for number in numbers]
-            rows.append([of, *(cell for pair in cells for cell in pair)])
+            rows.append([of, *(cell for pair in cells for cell in pair), ""])
         return rows
 
     def _rows(self) -> Rows:
@@ -155,13 +164,15 @@ class Batch(Drawn, Tabled):
     def report(self) -> str:
         """The table to read."""
         names = list(self.spreads)
-        width = max(20, *(len(name) for name in self.names)) + 2
+        width = max(20, *(len(name) for name in (*self.names, *self.unfitted))) + 2
         units = [f"{n} ({s.unit})" if s.unit != "1" else n for n, s in self.spreads.items()]
         widths = [max(24, len(unit) + 2) for unit in units]
         lines = [_line("specimen", width, units, widths)]
         for specimen, fit in zip(self.names, self.fits, strict=True):
             cells = [_cell(_found(fit, name)) for name in names]
             lines.append(_line(specimen, width, cells, widths))
+        without = ["not fitted"] * len(names)
+        lines += [_line(specimen, width, without, widths) for specimen in self.unfitted]
         for words, of in (
             ("mean", "mean"),
             ("standard deviation", "standard_deviation"),
@@ -173,8 +184,8 @@ class Batch(Drawn, Tabled):
         return "\n".join([*lines, *self._verdicts()])
 
     def _verdicts(self) -> list[str]:
-        """What the scatter says of each parameter."""
-        out = []
+        """What could not be fitted, and what the scatter says of each parameter."""
+        out = [f"{name}: not fitted: {why}" for name, why in self.unfitted.items()]
         for name, spread in self.spreads.items():
             if spread.count < len(self.fits):
                 left_out = len(self.fits) - spread.count
@@ -193,8 +204,14 @@ class Batch(Drawn, Tabled):
         return out
 
 
-def batch_of(fits: Sequence[FitResult]) -> Batch:
+def batch_of(fits: Sequence[FitResult], unfitted: Mapping[str, str] | None = None) -> Batch:
     """The spread over fits of one specimen each.
+
+    Parameters
+    ----------
+    fits : sequence of FitResult
+    unfitted : mapping of name to str, optional
+        Specimens that could not be fitted, and why.
 
     Raises
     ------
@@ -212,7 +229,7 @@ def batch_of(fits: Sequence[FitResult]) -> Batch:
     for name, unit in free.items():
         found = [pair for fit in fits if (pair := _found(fit, name)) is not None]
         spreads[name] = spread_of([v for v, _ in found], [e for _, e in found], unit)
-    return Batch(tuple(fits), spreads)
+    return Batch(tuple(fits), spreads, dict(unfitted or {}))
 
 
 def _found(fit: FitResult, name: str) -> tuple[float, float] | None:
