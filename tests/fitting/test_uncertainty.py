@@ -14,6 +14,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.fem.laws import registry
 from bulgefit.fem.mesh import disc
+from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.minimise import descend
 from bulgefit.fitting.noise_left import noise_left
@@ -234,6 +235,13 @@ def test_what_cannot_be_taken_in_is_said(make: Maker, setup: Setup) -> None:
     assert said[0].startswith("the errors are without that of nu12")
 
 
+@pytest.fixture
+def before_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No start may be begun."""
+    for place in ("fit.multistart", "crossval.descents"):
+        monkeypatch.setattr(f"bulgefit.fitting.{place}", lambda *_, **__: pytest.fail("began"))
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -245,7 +253,7 @@ def test_what_cannot_be_taken_in_is_said(make: Maker, setup: Setup) -> None:
     ],
 )
 def test_a_ratio_that_was_not_given_has_no_error_to_state(
-    options: dict[str, Any], said: str, make: Maker, setup: Setup
+    options: dict[str, Any], said: str, make: Maker, setup: Setup, before_starts: None
 ) -> None:
     with pytest.raises(InputError, match=f"uncertainty of nu12: .*{said}"):
         fit(make(), starts=1, setup=setup, uncertainty={"nu12": 0.02}, **options)
@@ -260,7 +268,8 @@ def test_a_ratio_that_was_not_given_has_no_error_to_state(
     ],
 )
 def test_statements_that_cannot_be(
-    stated: dict[str, float], said: str, make: Maker, setup: Setup
+    stated: dict[str, float], said: str, make: Maker, setup: Setup, before_starts: None
 ) -> None:
-    with pytest.raises(InputError, match=said):
-        fit(make(), bounds=BOUNDS, starts=1, setup=setup, uncertainty=stated)
+    for verb, tests in ((fit, make()), (crossval, [make(), make(seed=1)])):
+        with pytest.raises(InputError, match=said):
+            verb(tests, bounds=BOUNDS, starts=1, setup=setup, uncertainty=stated)

@@ -14,6 +14,7 @@ from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits, check_method
 from bulgefit.fitting.multistart import check_starts
 from bulgefit.fitting.objective import Objective, check_comparison
 from bulgefit.fitting.problem import Prior, Problem
+from bulgefit.fitting.uncertainty import check_stated
 from bulgefit.model.parameters import as_values, parameters_of
 from bulgefit.model.setup import Setup
 
@@ -89,7 +90,7 @@ class FitOptions:
         objective = Objective(
             tests, self.objective, self.setup, weight=self.weight, average=self.average
         )
-        return Problem(
+        problem = Problem(
             objective,
             self.material,
             free=self.free,
@@ -98,6 +99,8 @@ class FitOptions:
             effects=self.effects,
             priors=self.priors,
         )
+        check_stated(problem, self.uncertainty)
+        return problem
 
 
 #: What an option must be, where all else would fail without a word on it.

@@ -44,7 +44,7 @@ from bulgefit.model.parameters import HELD_BY_DEFAULT, Material, parameters_of
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
-__all__ = ["UNCERTAIN", "Uncertainty", "uncertainty_of"]
+__all__ = ["UNCERTAIN", "Uncertainty", "check_stated", "uncertainty_of"]
 
 Floats = NDArray[np.floating]
 
@@ -125,16 +125,10 @@ def uncertainty_of(
     at_bound : (free,) bool array
         Parameters at a bound: they are held there for the errors of the others.
     stated : mapping
-        See `FitOptions.uncertainty`.
+        See `FitOptions.uncertainty`; what `check_stated` lets pass.
     noises : sequence of Noise or None
         Of each test, at the optimum (`noise_left`).
-
-    Raises
-    ------
-    InputError
-        Unknown or impossible statements, or one of what is fitted itself.
     """
-    _check(problem, stated)
     scores = Scores(problem.objective, problem.columns(z), noises)
     names = problem.names_of_tests()
     for look in problem.objective.looks(shapes, names, sampled=True):
@@ -174,7 +168,20 @@ def uncertainty_of(
     )
 
 
-def _check(problem: Problem, stated: Mapping[str, float]) -> None:
+def check_stated(problem: Problem, stated: Mapping[str, float]) -> None:
+    """Refuse what cannot be stated to be uncertain of a fit, before its work.
+
+    Parameters
+    ----------
+    problem : Problem
+    stated : mapping
+        See `FitOptions.uncertainty`.
+
+    Raises
+    ------
+    InputError
+        Unknown or impossible statements, or one of what is fitted itself.
+    """
     for name, size in stated.items():
         if name not in UNCERTAIN:
             raise InputError(
