@@ -226,6 +226,25 @@ def test_resume_needs_a_place(folder: Path, capsys: Any) -> None:
     assert "--resume: name --journal FILE, or --json" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["fit", "--report", "r.html", "--journal", "r.html"],
+        ["fit", "--plots", "figures", "--journal", "./figures"],
+        ["fit", "--save-config", "out.part", "--json", "out"],
+        ["batch", "--csv", "out.csv.part", "--json", "out.csv"],
+        ["batch", "--plot", "out.png", "--journal", "out.png"],
+    ],
+)
+def test_a_journal_is_no_other_output(words: list[str], folder: Path, capsys: Any) -> None:
+    before = [*folder.iterdir()]
+    assert run(*words, *SEARCH, "good.npz", "other.npz") == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "two outputs have this name" in said
+    assert [*folder.iterdir()] == before
+
+
 def test_a_journal_where_it_is_asked_for(folder: Path, interrupt: Any, capsys: Any) -> None:
     words = [*COMMANDS["crossval"], *SEARCH, "--journal", "done"]
     interrupt(1)

@@ -22,7 +22,7 @@ _BESIDE = (
     *("journal", "plots", "plot", "csv", "report", "output", "words", "began", "begun"),
 )
 #: Options that name what is written beside the journal.
-_WRITTEN = ("json", "csv", "plot", "plots", "report")
+_WRITTEN = ("json", "csv", "plot", "plots", "report", "output", "save_config")
 #: Options whose files are read beside the tests.
 _READ_BESIDE = ("mesh", "from_file")
 
@@ -61,7 +61,7 @@ def ready(args: argparse.Namespace) -> None:
     Raises
     ------
     InputError
-        --resume without a place for a journal.
+        --resume without a place for a journal, or one that is an output's.
     """
     from bulgefit.files import check_apart
     from bulgefit.parallel.journal import outputs_of
@@ -71,7 +71,7 @@ def ready(args: argparse.Namespace) -> None:
         raise InputError(f"--resume: name --journal FILE, or --{args.journal_beside}")
     if place is None:
         return
-    check_apart([place, *([args.json] if args.json not in (None, "-") else [])])
+    check_apart([*_written(args), place])
     if args.resume and place.is_file():
         args.begun = outputs_of(place)
 
