@@ -236,6 +236,21 @@ BEFORE = {
     "method": ["--method", "guess"],
     "starts": ["--starts", "0"],
     "workers": ["--workers", "0"],
+    "bounds of what": ["--bounds", "E9=1:2"],
+    "bounds reversed": ["--bounds", "E1=400:200"],
+    "bounds not finite": ["--bounds", "E1=100:inf"],
+    "free": ["--free", "colour"],
+    "weight below zero": ["--weight", "-1"],
+    "weight not finite": ["--weight", "nan"],
+    "prior of what": ["--prior", "E9=300+-1"],
+    "prior without width": ["--prior", "E1=300+-0"],
+    "with what": ["--with", "clamp_slap"],
+    "hold what cannot be": ["--hold", "clamp_slip.compliance=-1e9"],
+    "scheduler": ["--scheduler", "foo"],
+    "scheduler and workers": ["--scheduler", "tcp://127.0.0.1:9", "--workers", "1"],
+    "uncertainty": ["--uncertainty", "thickness=2"],
+    "journal": ["--journal", "other.npz"],
+    "journal elsewhere": ["--journal", "no/such"],
 }
 
 
@@ -247,6 +262,23 @@ def test_names_and_numbers_are_refused_before_a_start(verb, case, folder, capsys
     assert said.count("\n") == 1
     assert said.startswith(f"bulgefit {verb}: error: ")
     assert "no start found" not in said
+
+
+def test_a_batch_refuses_all_before_it_fits_one(folder, arrays, capsys):
+    changed(displacement=arrays["displacement"] * [1.0, 1.0, np.nan])(arrays)
+    words = ["batch", "good.npz", "bad.npz", "--objective", "e_z", *BOUNDS]
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert "bad: nothing was measured that e_z compares" in said
+    assert "fitting" not in said
+
+
+def test_a_fold_numbers_tests_anew(folder, capsys):
+    words = ["crossval", "good.npz", "other.npz", "--hold", "pressure_gain.gain@0=1.01"]
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "is of one test alone" in said
 
 
 @pytest.mark.parametrize("case", SEARCH)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bulgefit.dic import BulgeTest
+    from bulgefit.fitting.options import FitOptions
     from bulgefit.model.setup import Setup
 
 __all__ = [
@@ -221,12 +222,35 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def check_search(args: argparse.Namespace, options: dict[str, Any]) -> None:
-    """Refuse what no test could be fitted with, before anything is said of a fit; InputError."""
+def check_search(
+    args: argparse.Namespace, options: dict[str, Any], fits: Sequence[Sequence[BulgeTest]]
+) -> FitOptions:
+    """Refuse what cannot be fitted, before anything is said of a fit.
+
+    Parameters
+    ----------
+    args : Namespace
+    options : dict
+        Keyword arguments of `fit`.
+    fits : sequence of sequences of BulgeTest
+        The tests of each fit.
+
+    Returns
+    -------
+    FitOptions
+        The options with the objective.
+
+    Raises
+    ------
+    InputError
+    """
     from bulgefit.fitting.options import options_from
 
     _common.workers_from(args)
-    options_from(None, {"objective": args.objective, **options})
+    chosen = options_from(None, {"objective": args.objective, **options})
+    for tests in fits:
+        chosen.problem(tests)
+    return chosen
 
 
 def _held(args: argparse.Namespace, free: Sequence[str]) -> dict[str, float]:

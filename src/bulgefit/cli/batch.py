@@ -72,13 +72,13 @@ def run(args: argparse.Namespace) -> int:
     if len(tests) < 2:
         raise InputError("a batch needs two tests or more; bulgefit fit fits one")
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
-    _fitting.check_search(args, options)
 
     from bulgefit.fitting.batch import batch_of
     from bulgefit.fitting.objective import displacement_weight
 
     if options["weight"] is None:
         options["weight"] = displacement_weight(tests)
+    _fitting.check_search(args, options, [[test] for test in tests])
     with _resuming.resumable(args, "batch", tests):
         fits, unfitted = _fitted(args, tests, options)
         if fits:

@@ -47,14 +47,15 @@ def run(args: argparse.Namespace) -> int:
             f"cross-validation needs two tests or more, got {len(tests)}; bulgefit fit fits one"
         )
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
-    _fitting.check_search(args, options)
+    chosen = _fitting.check_search(args, options, [tests])
 
-    from bulgefit.fitting.crossval import crossval
+    from bulgefit.fitting.crossval import check_owners, crossval
     from bulgefit.fitting.result import describe_tests
 
-    _common.progress(args, f"{len(tests)} folds of {number_of(args.starts, 'start')}")
+    check_owners(chosen)
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
+            _common.progress(args, f"{len(tests)} folds of {number_of(args.starts, 'start')}")
             result = crossval(tests, args.objective, executor=executor, **options)
         result["sources"] = describe_tests(tests)
         _common.deliver(args, result, result.report(), *page_of(args, result, tests))

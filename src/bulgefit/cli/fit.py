@@ -84,21 +84,21 @@ def run(args: argparse.Namespace) -> int:
     files = [path for pair in figures for path in pair]
     _common.check_outputs(args, _fitting.inputs(args), [*files, *check_page(args)])
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
-    _fitting.check_search(args, options)
+    _fitting.check_search(args, options, [tests])
     _check_bootstrap(args, tests)
 
     from bulgefit.fitting.fit import fit
 
-    _common.progress(
-        args,
-        f"fitting {number_of(len(tests), 'test')}, "
-        f"{sum(t.n_measured for t in tests):,} measured points, "
-        f"{number_of(args.starts, 'start')}",
-    )
     with (
         _resuming.resumable(args, "fit", tests),
         _common.executor_from(args, processes=args.bootstrap is not None) as executor,
     ):
+        _common.progress(
+            args,
+            f"fitting {number_of(len(tests), 'test')}, "
+            f"{sum(t.n_measured for t in tests):,} measured points, "
+            f"{number_of(args.starts, 'start')}",
+        )
         options["executor"] = executor
         result = fit(tests, args.objective, **options)
         payload, lines = result.to_dict(), [result.report()]

@@ -26,7 +26,7 @@ from bulgefit.fitting.problem import Problem, bounded
 from bulgefit.fitting.result import FORMAT
 from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["crossval"]
+__all__ = ["check_owners", "crossval"]
 
 
 def crossval(
@@ -67,7 +67,7 @@ def crossval(
     if objective is not None:
         changes["objective"] = objective
     chosen = options_from(options, changes)
-    _check_owners(chosen)
+    check_owners(chosen)
     if chosen.weight is None:
         chosen = replace(chosen, weight=displacement_weight(tests))
     # in one problem first: what stands against that, such as ratios that differ, stands against all
@@ -92,8 +92,8 @@ def crossval(
     )
 
 
-def _check_owners(options: FitOptions) -> None:
-    """Refuse what is said of one test by its number: folds number the tests anew."""
+def check_owners(options: FitOptions) -> None:
+    """Refuse what is said of one test by its number: folds number the tests anew; InputError."""
     for what in ("held", "bounds", "priors"):
         for name in getattr(options, what):
             if Key.read(name).specimen is not None:
