@@ -306,3 +306,10 @@ def test_input_is_never_replaced(tmp_path):
     with pytest.raises(InputError, match="exists; use --force"):
         run(align, file, tmp_path / "o.npz")
     assert file.read_bytes() == EXAMPLE.read_bytes()
+
+
+def test_what_is_no_file_of_a_test_is_refused_before_the_work(tmp_path, capsys):
+    with pytest.raises(InputError, match=r"o.txt: a test is written as .npz, .h5, .hdf5"):
+        run(align, EXAMPLE, tmp_path / "o.txt", "--json", tmp_path / "o.json")
+    assert capsys.readouterr().out == ""
+    assert [*tmp_path.iterdir()] == []

@@ -70,6 +70,8 @@ def test_columns_that_make_no_sense(csv_folder, tmp_path, text):
 def test_convert_refuses_before_it_reads(tmp_path, file):
     with pytest.raises(InputError, match="exists; use --force"):
         run(convert, tmp_path / "missing.npz", file)
+    with pytest.raises(InputError, match=r"o.txt: a test is written as .npz, .h5, .hdf5"):
+        run(convert, tmp_path / "missing.npz", tmp_path / "o.txt")
     run(convert, file, tmp_path / "o.npz")
     run(convert, file, tmp_path / "o.npz", "--force", "--rotate", 180)
     for option, value in (("--crop", "-1"), ("--crop", "nan"), ("--rotate", "nan")):

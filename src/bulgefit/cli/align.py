@@ -121,10 +121,10 @@ def run(args: argparse.Namespace) -> int:
 
     from bulgefit.dic import read_test, write_test
     from bulgefit.dic.align import pose_of
-    from bulgefit.files import check_output
+    from bulgefit.dic.writers import check_written
 
     _common.check_outputs(args, files_read([args.input, args.pressure]), [args.output])
-    check_output(args.output, args.force)
+    check_written(args.output, args.force)
     steps = _steps(args)
     poses: list[Pose] = []
     said: list[str] = []

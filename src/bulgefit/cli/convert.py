@@ -129,10 +129,11 @@ def run(args: argparse.Namespace) -> int:
     import math
 
     from bulgefit.dic import read_test, write_test
-    from bulgefit.files import check_apart, check_output
+    from bulgefit.dic.writers import check_written
+    from bulgefit.files import check_apart
 
     check_apart([args.output], files_read([args.input, args.pressure]))
-    check_output(args.output, args.force)
+    check_written(args.output, args.force)
     if not math.isfinite(args.rotate):
         raise InputError(f"--rotate {args.rotate}: give an angle in degrees")
     if args.crop is not None and not args.crop > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError, needed
 from bulgefit.files import as_path, atomic_write_bytes, check_output
 
-__all__ = ["write_test"]
+__all__ = ["check_written", "write_test"]
 
+_SUFFIXES = (".npz", ".h5", ".hdf5")
 _UNITS = {
     "reference": "mm",
     "displacement": "mm",
@@ -46,14 +48,37 @@ def write_test(test: BulgeTest, path: str | os.PathLike[str], *, force: bool = F
     InputError
         The suffix is unknown, the file exists, or it cannot be written.
     """
-    encoders = {".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5}
-    suffix = as_path(path).suffix.lower()
-    if suffix not in encoders:
-        raise InputError(f"{path}: a test is written as {', '.join(encoders)}; choose one of them")
+    suffix = _suffix(path)
     needed(test, BulgeTest, "a bulge test")
     check_output(path, force)
     # encoded in memory first: a full disk is then one plain error, not one inside an archive
-    atomic_write_bytes(path, encoders[suffix](_arrays(test)), force)
+    content = (_npz if suffix == ".npz" else _hdf5)(_arrays(test))
+    atomic_write_bytes(path, content, force)
+
+
+def check_written(path: str | os.PathLike[str], force: bool = False) -> Path:
+    """Refuse the file of a test that cannot be written, before the work for it.
+
+    Parameters
+    ----------
+    path, force
+        As of `write_test`, as is what is raised.
+
+    Returns
+    -------
+    Path
+        See `check_output`.
+    """
+    _suffix(path)
+    return check_output(path, force)
+
+
+def _suffix(path: str | os.PathLike[str]) -> str:
+    """The suffix of a file of a test; InputError where it is none."""
+    suffix = as_path(path).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise InputError(f"{path}: a test is written as {', '.join(_SUFFIXES)}; choose one of them")
+    return suffix
 
 
 def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
