@@ -722,3 +722,17 @@ def test_crossval(folder, capsys):
     assert result["mean"] == pytest.approx(np.mean(scores))
     assert run(*words, "--refine", 1, "--max-evaluations", 2) == 0
     assert "left out" in capsys.readouterr().out
+
+
+def test_crossval_says_what_ends_at_a_bound(folder, capsys):
+    words = ["--starts", 1, "--bounds", "E1=200:300,E2=150:400,G12=10:60", "--refine", REFINE]
+    assert run("crossval", "good.npz", "other.npz", *words, "--json", "r.json") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [fold["at_bound"] for fold in json.loads(Path("r.json").read_text())["folds"]] == [
+        ["E1"],
+        ["E1"],
+    ]
+    for left_out in ("good", "other"):
+        (row,) = (line for line in lines if line.startswith(f"{left_out} "))
+        assert [cell.endswith("*") for cell in row.split()[1:4]] == [True, False, False]
+    assert "* E1 AT BOUND without good, other: no result; widen --bounds E1=..." in lines

@@ -68,7 +68,7 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         return self.report()
 
     def report(self) -> str:
-        """The table to read."""
+        """The table to read; what ended at a bound has a star, and is said below."""
         columns, units = self._columns(), self._units()
         heads = [n if units[n] == "1" else f"{n} ({units[n]})" for n in columns]
         widths = [max(10, len(head) + 2) for head in heads]
@@ -76,9 +76,12 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         shown = (f"{head:>{width}}" for head, width in zip(heads, widths, strict=True))
         lines = ["left out".ljust(names) + "".join(shown)]
         for fold, row in zip(self["folds"], zip(*columns.values(), strict=True), strict=True):
-            pairs = zip(row, widths, strict=True)
-            cells = "".join(_cell(number, ".4g", width) for number, width in pairs)
+            cells = "".join(
+                _cell(number, ".4g", width, "*" if name in fold["at_bound"] else "")
+                for name, number, width in zip(columns, row, widths, strict=True)
+            )
             lines.append(fold["left_out"].ljust(names) + cells)
+        lines += self._at_bounds()
         mean, spread = self["mean"], self["standard_deviation"]
         lines.append(
             f"{self['objective']} left out: "
@@ -86,6 +89,18 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
             + ("" if spread is None else f", standard deviation {spread:.4g} mm")
         )
         return "\n".join(lines)
+
+    def _at_bounds(self) -> list[str]:
+        """Which parameters ended at a bound, and in which folds."""
+        folds: dict[str, list[str]] = {}
+        for fold in self["folds"]:
+            for name in fold["at_bound"]:
+                folds.setdefault(name, []).append(fold["left_out"])
+        return [
+            f"* {name} AT BOUND without {', '.join(left_out)}: no result; "
+            f"widen --bounds {name.partition('@')[0]}=..."  # folds number tests anew
+            for name, left_out in folds.items()
+        ]
 
     def _units(self) -> dict[str, str]:
         """Of the table's columns."""
@@ -105,5 +120,5 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         }
 
 
-def _cell(value: float | None, digits: str, width: int) -> str:
-    return f"{'-' if value is None else format(value, digits):>{width}}"
+def _cell(value: float | None, digits: str, width: int, mark: str = "") -> str:
+    return f"{('-' if value is None else format(value, digits)) + mark:>{width}}"
