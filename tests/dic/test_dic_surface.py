@@ -84,6 +84,26 @@ def test_windows_with_too_few_points_tell_nothing():
     assert np.isnan(windows(line, np.zeros((1, 2)), 13.0).weights).all()
 
 
+def test_a_frame_without_points_tells_nothing():
+    (block,) = cap().blocks
+    moved = np.concatenate([block.displacement, np.full_like(block.displacement[:1], np.nan)])
+    test = BulgeTest.from_arrays(block.reference, moved, [*PRESSURE, 0.4])
+    found = measure(test, window=25.0)
+    for values in (found.apex, found.surface, found.rings):
+        assert np.isfinite(values.strain[:2]).any()
+        assert np.isnan(values.strain[2]).all()
+        assert np.isnan(values.strain_noise[2]).all()
+
+
+def test_points_of_which_dx_was_never_measured_are_refused():
+    (block,) = cap().blocks
+    moved = block.displacement.copy()
+    moved[..., 0] = np.nan
+    test = BulgeTest.from_arrays(block.reference, moved, PRESSURE)
+    with pytest.raises(InputError, match="no point has dx, dy and dz in one frame"):
+        measure(test, window=25.0)
+
+
 def test_cap_converges_with_the_window():
     """Strain and curvature at the apex by the fourth power of the window's radius."""
     test = cap(2.5)

@@ -101,7 +101,10 @@ class Frames:
 def frames_of(
     test: BulgeTest, centres: Floats, window: float, degree: int = DEGREE
 ) -> list[Frames]:
-    """All frames of a test, those together in which the same points were wholly measured."""
+    """Frames of a test, those together in which the same points were wholly measured.
+
+    Frames in which no window has a point are left out: sums over nothing would be 0, not unknown.
+    """
     found = []
     for block in test.blocks:
         whole = np.isfinite(block.displacement).all(axis=2)
@@ -110,6 +113,8 @@ def frames_of(
             rows = np.flatnonzero(which.ravel() == index)
             points = np.asarray(block.reference[seen], dtype=np.float64)
             local = windows(points[:, :2], centres, window, degree)
+            if not local.neighbours.size:
+                continue
             reference = np.zeros((len(centres), 6, 3))
             reference[:, 0, :2], reference[:, 1:3, :2] = centres, np.eye(2)
             reference[..., 2] = local(points)[..., 2]

@@ -245,6 +245,11 @@ def _most_points(test: BulgeTest, places: Floats, window: float) -> int:
 
 
 def _too_narrow(test: BulgeTest, window: float) -> InputError:
+    if not any(np.isfinite(block.displacement).all(axis=2).any() for block in test.blocks):
+        return InputError(
+            f"{test.source or test.name}: no point has dx, dy and dz in one frame, which strain "
+            "and curvature take"
+        )
     return InputError(
         f"{test.source or test.name}: no window of {window:g} mm has the {fewest_points()} "
         "points that it takes; give a wider one"

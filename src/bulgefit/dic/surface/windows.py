@@ -62,7 +62,8 @@ class Windows:
         """(k, k) covariance of all six values of some windows, which share points."""
         from scipy import sparse
 
-        weights = self.weights[some].reshape(-1, self.weights.shape[2])
+        weights = self.weights[some]
+        weights = weights.reshape(len(weights) * ORDERS, weights.shape[2])
         columns = np.repeat(self.neighbours[some], ORDERS, axis=0)
         rows = np.broadcast_to(np.arange(len(weights))[:, None], columns.shape)
         count = int(self.neighbours.max(initial=0)) + 1
