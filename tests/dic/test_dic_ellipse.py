@@ -10,7 +10,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest, describe, read_test, write_test
 from bulgefit.dic.align import centred, outline
-from bulgefit.dic.mend import shifted
+from bulgefit.dic.mend import shifted, swapped
 from bulgefit.dic.rim import rim_semi_axes
 from bulgefit.dic.rim_motion import rim_motions
 from bulgefit.errors import InputError
@@ -104,6 +104,21 @@ def test_turning_it():
     np.testing.assert_allclose(test.rotated(180).semi_axes, [A, B])
     with pytest.raises(InputError, match="lie along x and y, so it turns by 90 degrees, not by 30"):
         test.rotated(30)
+
+
+def test_its_semi_axes_change_places_with_x_and_y(tmp_path):
+    test = made()
+    both = swapped(test, "all")
+    np.testing.assert_allclose(both.semi_axes, [B, A])
+    np.testing.assert_allclose(
+        both.on_circle(both.blocks[0].reference[:, :2])[:, ::-1],
+        test.on_circle(test.blocks[0].reference[:, :2]),
+    )
+    for arrays in ("reference", "displacement"):
+        np.testing.assert_allclose(swapped(test, arrays).semi_axes, [A, B])
+    write_test(test, tmp_path / "t.npz")
+    assert main(["convert", str(tmp_path / "t.npz"), str(tmp_path / "s.npz"), "--swap-xy"]) == 0
+    np.testing.assert_allclose(read_test(tmp_path / "s.npz").semi_axes, [B, A])
 
 
 def test_its_field_is_covered_and_nothing_looks_wrong():

@@ -95,7 +95,8 @@ def _add_mends(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="all",
         choices=("all", "reference", "displacement"),
-        help="let x and y change places in these arrays; bare, in all",
+        help="let x and y change places in these arrays; bare, in all, and the semi-axes of an "
+        "elliptic clamp too",
     )
     group.add_argument(
         "--flip",

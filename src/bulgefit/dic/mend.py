@@ -113,10 +113,14 @@ def check_columns(columns: Sequence[str]) -> None:
 
 
 def swapped(test: BulgeTest, arrays: str) -> BulgeTest:
-    """Let x and y change places in `reference`, in `displacement`, or in `all` arrays."""
+    """Let x and y change places in `reference`, in `displacement`, or in `all` arrays.
+
+    Where they do in all, so do the clamp's semi-axes.
+    """
     order = [1, 0, 2]
+    oval = -test.ellipticity if arrays == "all" else test.ellipticity
     return _changed(
-        test,
+        replace(test, ellipticity=oval),
         reference=lambda points: points if arrays == "displacement" else points[:, order],
         displacement=lambda moved, _: moved if arrays == "reference" else moved[..., order],
     )
