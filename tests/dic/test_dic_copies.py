@@ -81,3 +81,16 @@ def test_a_verb_warns_of_them(
     assert (
         "warning: twice: frames hold the same data as others at the same pressure: 3 of 2" in said
     )
+
+
+def test_a_test_with_a_copied_frame_is_no_other_specimen(
+    made: SimpleNamespace,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_test(of(made, [0, 1, 2, 3, 4, 5]), "plain.npz")
+    write_test(of(made, [0, 1, 2, 2, 3, 4, 5]), "twice.npz")
+    assert main(["fit", "plain.npz", "twice.npz"]) == 2
+    assert "plain.npz and twice.npz: hold the same data" in capsys.readouterr().err
