@@ -102,7 +102,8 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         "--pressure-unit",
         metavar="UNIT",
         help="unit of that column (bar, mbar, kPa, MPa, Pa), or what one of its unit is worth, "
-        "e.g. 2.5bar/V (default: what the column states)",
+        "e.g. 2.5bar/V of a column in V or without a unit (default: what the column states; "
+        "that of names stays)",
     )
     group.add_argument(
         "--positions",

@@ -181,6 +181,8 @@ def test_notes_beside_the_frames_are_no_log(truth, frames, holds):
         ("pressure", "Pa", 1e6),
         ("pressure [V]", "4bar/V", 2.5),
         ("pressure [bar]", "kPa", 1e3),  # the user knows better than the header
+        ("pressure [bar]", "2.5bar", 4),
+        ("pressure [bar]", "100kPa/bar", 10),
     ],
 )
 def test_units_of_pressure(truth, frames, holds, column, unit, scale):
@@ -206,6 +208,14 @@ def test_units_that_are_not_stated_or_not_known(frames, unit, match):
     write_log(folder, ["file,p [V]", *(f"{name},1" for name in NAMES)])
     with pytest.raises(InputError, match=match):
         read_test(folder, pressure_unit=unit, **SPECIMEN)
+
+
+def test_what_a_volt_is_worth_is_refused_of_a_column_in_bar(frames):
+    folder = frames()
+    write_log(folder, ["file,pressure [bar]", *(f"{name},1" for name in NAMES)])
+    match = r"'pressure \[bar\]' is in bar, not in V; leave .* out, or give 2.5bar if"
+    with pytest.raises(InputError, match=match):
+        read_test(folder, pressure_unit="2.5bar/V", **SPECIMEN)
 
 
 def test_volts_that_are_named_bar_are_noticed(truth, frames, holds, said):
@@ -277,6 +287,14 @@ def test_names_of_the_frames(truth, frames, holds):
     holds(read_test(folder, pressure="names", **SPECIMEN))
     with pytest.raises(InputError, match="no pressure found"):
         read_test(folder, pressure_column="q", **SPECIMEN)
+
+
+def test_names_that_tell_another_unit_than_was_asked_for(truth, frames, holds):
+    folder = frames([f"cloth2_{p * 10:g}bar_0" for p in truth.pressure])
+    holds(read_test(folder, pressure_unit="bar", **SPECIMEN))
+    for options in ({}, {"pressure": "names"}):
+        with pytest.raises(InputError, match="name 'cloth2_0bar_0' tells the pressure in bar, not"):
+            read_test(folder, pressure_unit="mbar", **options, **SPECIMEN)
 
 
 @pytest.mark.parametrize("where", ["frames", "names"])

@@ -92,11 +92,12 @@ def pressures_of(
     Raises
     ------
     InputError
-        There is none, several may be it, its unit is not stated, or two columns contradict.
+        There is none, several may be it, its unit is not stated or another one, or two columns
+        contradict.
     """
     names = [frame.name for frame in frames]
     if pressure == BY_NAMES:
-        return _from_names(names, where)
+        return _from_names(names, unit, where)
     if pressure is not None:
         path = Path(pressure)
         if not path.is_file():
@@ -115,7 +116,7 @@ def pressures_of(
         note = f"pressure from {signal.name!r} in the frames"
         return Pressures(values, known, _time(recorded), (), note)
     if in_names:
-        return _from_names(names, where)
+        return _from_names(names, unit, where)
     raise InputError(
         f"{where}: no pressure found in a log beside the frames, in the frames "
         f"({_listed(recorded)}) or in their names; give a table with --pressure FILE, or "
@@ -175,13 +176,18 @@ def _from_log(
     return Pressures(values, known, time, (path,), "; ".join(notes))
 
 
-def _from_names(names: Sequence[str], where: str) -> Pressures:
+def _from_names(names: Sequence[str], unit: str | None, where: str) -> Pressures:
     found = [_IN_A_NAME.findall(name) for name in names]
     for name, numbers in zip(names, found, strict=True):
         if len(numbers) != 1:
             raise InputError(
                 f"{where}: the name {name!r} does not tell one pressure with its unit, such as "
                 "1.5bar; give a table with --pressure FILE"
+            )
+        if unit not in (None, numbers[0][1]):
+            raise InputError(
+                f"{where}: the name {name!r} tells the pressure in {numbers[0][1]}, not in {unit}; "
+                "leave --pressure-unit out"
             )
     values = [float(n[0][0].replace(",", ".")) * PRESSURE[n[0][1]] for n in found]
     return Pressures(np.array(values), found[0][0][1], None, (), "pressure from the frames' names")
@@ -240,6 +246,11 @@ def _in_mpa(signal: Signal, unit: str | None, where: str) -> tuple[Floats, str]:
     size, name, per = _parsed(unit)
     if stated is not None and stated not in PRESSURE and per != stated:
         raise InputError(f"{where}: {signal.name!r} is in {stated}, not in {unit}; give {worth}")
+    if None not in (stated, per) and per != stated:
+        raise InputError(
+            f"{where}: {signal.name!r} is in {stated}, not in {per}; leave --pressure-unit out, or "
+            f"give {size:g}{name} if its numbers are in {per} all the same"
+        )
     return signal.values * size * PRESSURE[name], name
 
 
