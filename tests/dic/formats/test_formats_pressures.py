@@ -271,6 +271,27 @@ def test_times_of_the_frames(truth, frames):
     assert read_test(folder, **SPECIMEN).time.tolist() == [0.5, 1.5, 2.5, 9]
 
 
+@pytest.mark.parametrize(
+    ("text", "match"), [("", "is empty"), ("a,b\n1,2\n", "is not of the frames' format")]
+)
+def test_a_file_that_should_be_a_frame_is_missed(truth, frames, text, match):
+    folder = frames()
+    names = [*NAMES, "run-0004_0"]
+    write_log(folder, ["file,p_bar", *map(row, names, [*(truth.pressure * 10), 3])])
+    (folder / "run-0004_0.csv").write_text(text)
+    with pytest.raises(InputError, match=rf"run-0004_0.csv: {match}, but is named as the frames"):
+        read_test(folder, **SPECIMEN)
+
+
+def test_files_that_are_neither_frames_nor_logs_are_named(truth, frames, holds, said):
+    folder = frames()
+    write_log(folder, ["file,p_bar", *map(row, NAMES, truth.pressure * 10)])
+    write_log(folder, ["clamped by hand"], "remarks.csv")
+    write_log(folder, ["clamped by hand"], "remarks.md")
+    holds(read_test(folder, say=said.append, **SPECIMEN))
+    assert "no frames and no logs, left out: remarks.csv" in said
+
+
 def test_any_column_of_the_frames_that_is_asked_for(truth, frames, holds):
     folder = frames(column="channel 3", values=truth.pressure * 10)
     with pytest.raises(InputError, match="no pressure found in a log beside the frames"):

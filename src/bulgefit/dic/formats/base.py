@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from bulgefit.dic.formats.frames import Frame, upright
 from bulgefit.dic.formats.join import joined
+from bulgefit.dic.formats.logs import is_log
 from bulgefit.dic.formats.positions import CURRENT, POSITIONS, REFERENCE, evidence
 from bulgefit.dic.formats.pressures import pressures_of
 from bulgefit.dic.formats.source import Head, Source
@@ -24,6 +26,9 @@ __all__ = ["Ask", "Format", "register"]
 _OPTIONS = ("pressure", "pressure_column", "pressure_unit", "positions", "length_unit")
 _NO_UNIT = "lengths state no unit and are taken as mm; --length-unit gives another"
 _TURNED = "y and z change sign: the file's y runs down the image"
+_DIGITS = re.compile(r"\d+(?:[.,]\d+)?")
+# Files that a note names one by one.
+_NAMED = 5
 _FOR_PRESSURE = {"pressure": "pressure", "pressure_column": "column", "pressure_unit": "unit"}
 
 
@@ -140,6 +145,7 @@ def _read(
         where,
         **{_FOR_PRESSURE[key]: value for key, value in options.items()},
     )
+    left = _left_out(source, own, pressure.used)
     frames, turned = upright(frames, format.y_down)
     kind, notes = _kind_of_positions(format, frames, positions, where)
     placed, by, count = joined(frames, kind)
@@ -162,6 +168,7 @@ def _read(
             *notes,
             *([] if length_unit or all(f.has_units for f in frames) else [_NO_UNIT]),
             *([_TURNED] if turned else []),
+            *left,
             _said_of_points(frames, by, count, format.lost),
             pressure.note,
         ),
@@ -171,6 +178,31 @@ def _read(
 def _beside(format: Format, source: Source) -> Iterator[Head]:
     # a generator, so that a folder of many files is looked through only where that is needed
     yield from (head for head in source.beside if not format.recognises(head))
+
+
+def _left_out(source: Source, own: list[Head], used: Sequence[Path]) -> list[str]:
+    """What there is to say of files that end as the frames do, but are none of them and no log.
+
+    Raises
+    ------
+    InputError
+        One is named as the frames are: without it the test would lack a frame.
+    """
+    frames = {head.path for head in own}
+    endings = {path.suffix.lower() for path in frames}
+    names = {_DIGITS.sub("#", path.name) for path in frames}
+    rest = [head for head in source.heads if head.path not in frames]
+    logs = {*used, *(head.path for head in rest if is_log(head))}
+    others = [f for f in source.files if f not in {*frames, *logs} and f.suffix.lower() in endings]
+    for file in others:
+        if _DIGITS.sub("#", file.name) in names:
+            what = "is not of the frames' format" if file.stat().st_size else "is empty"
+            raise InputError(
+                f"{file}: {what}, but is named as the frames are; export it again, or move it out"
+            )
+    more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
+    named = ", ".join(file.name for file in others[:_NAMED])
+    return [f"no frames and no logs, left out: {named}{more}"] if others else []
 
 
 def _kind_of_positions(
