@@ -76,6 +76,18 @@ def test_fields_are_those_of_measure():
     np.testing.assert_allclose(left[np.isfinite(left)], 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("pressure", [0.0, -0.002])
+def test_a_frame_at_rest_is_shown_like_any_other(pressure, tmp_path):
+    block = made()[0].blocks[0]
+    moved = np.concatenate([np.zeros_like(block.displacement[:1]), block.displacement])
+    test = BulgeTest.from_arrays(block.reference, moved, [pressure, *made()[0].pressure])
+    cloud = Cloud(test, window=30.0)
+    assert not np.isfinite(cloud.value("tension", 0)).any()
+    np.testing.assert_allclose(cloud.value("strain_xx", 0)[len(moved[0]) // 2], 0.0, atol=1e-12)
+    assert np.isfinite(cloud.value("tension", 1)).any()
+    write_test_paraview(test, tmp_path / "t.pvd", window=30.0)
+
+
 def test_colours_of_signed_fields_are_even_about_zero():
     test, prediction = made()
     cloud = Cloud(test, prediction)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.noise import noise_of
 from bulgefit.dic.surface.local import Surface, surface_of
 from bulgefit.dic.surface.measured import chosen_window
@@ -168,8 +168,7 @@ class Cloud:
         reference, moved, model = self.part(frame)
         of = model if modelled else moved
         assert of is not None
-        alone = BulgeTest.from_arrays(
-            reference, of[None], self.test.pressure[[frame]], name=self.test.name,
-            radius=self.test.radius, thickness=self.test.thickness,
-        )  # fmt: skip
+        # not checked again: a frame at rest makes no test of its own
+        block = Block(reference, np.zeros(1, dtype=np.intp), of[None])
+        alone = replace(self.test, blocks=(block,), pressure=self.test.pressure[[frame]], time=None)
         return surface_of(alone, reference[:, :2], self.chosen, np.full(3, np.nan))
