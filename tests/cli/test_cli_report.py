@@ -95,6 +95,7 @@ def test_without_its_test_a_page_has_no_maps_and_says_so(folder, capsys, change,
 
 
 def test_what_is_no_result_is_refused(folder, capsys):
+    refused(capsys, ".: is a folder; name the JSON of a result", "report", ".")
     Path("text.json").write_text("{")
     Path("list.json").write_text("[]")
     Path("other.json").write_text("{}")
@@ -106,6 +107,43 @@ def test_what_is_no_result_is_refused(folder, capsys):
     refused(capsys, "list.json: no JSON of bulgefit", "report", "list.json")
     refused(capsys, "other.json: no result of bulgefit fit", "report", "other.json")
     refused(capsys, "damaged.json: damaged", "report", "damaged.json")
+
+
+def _without_cells(result):
+    result["settings"]["cells"] = None
+
+
+def _numbered(result):
+    result["sources"][0]["source"] = 7
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda result: result.update(run="x"), "its run.reading does not say how"),
+        (lambda result: result["run"].update(reading=3), "its run.reading does not say how"),
+        (
+            lambda result: result["run"]["reading"].update(max_pressure_bar="low"),
+            "its run.reading does not say how",
+        ),
+        (lambda result: result["run"]["reading"].update(options=[1]), "its run.reading does not"),
+        (_without_cells, "not as bulgefit fit writes it (TypeError"),
+        (_numbered, "its sources are no names, files and checksums"),
+    ],
+)
+def test_what_was_changed_by_hand_is_told_as_damaged(folder, capsys, change, told):
+    result = json.loads(Path("fit.json").read_text())
+    change(result)
+    Path("fit.json").write_text(json.dumps(result))
+    refused(capsys, f"fit.json: damaged, {told}", "report", "fit.json", "--force")
+
+
+def test_options_that_were_changed_by_hand_leave_no_maps(folder, capsys):
+    result = json.loads(Path("fit.json").read_text())
+    result["run"]["reading"]["options"]["radius"] = [1]
+    Path("fit.json").write_text(json.dumps(result))
+    assert main(["report", "fit.json", "--force"]) == 0
+    assert "has no maps: " in capsys.readouterr().err
 
 
 def test_outputs_are_refused_before_the_work(folder, capsys, monkeypatch):

@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.files import atomic_write_text, check_apart, check_output
     from bulgefit.report.page.page import page_html, sources_of
 
+    if not Path(args.result).name:
+        raise InputError(f"{args.result}: is a folder; name the JSON of a result")
     output = args.output or str(Path(args.result).with_suffix(_SUFFIX))
     _check_name(output, "--output")
     check_apart([output], [args.result])
@@ -146,7 +148,7 @@ def _tests(
     if not has_maps(verb_of(result, args.result)):
         return [], []
     tests, notes = list[Any](), []
-    reading = result.get("run", {}).get("reading", {})
+    reading = _reading(result, args.result)
     for source in sources:
         try:
             tests.append(_same(source, Path(args.result).parent, reading))
@@ -154,6 +156,18 @@ def _tests(
             tests.append(None)
             notes.append(f"{source['name']} has no maps: {error}")
     return tests, notes
+
+
+def _reading(result: Mapping[str, Any], where: str) -> Mapping[str, Any]:
+    """How the tests were read, as `reading_of` tells it; InputError where that is damaged."""
+    try:
+        reading = result.get("run", {}).get("reading", {})
+        options, most = reading.get("options", {}), reading.get("max_pressure_bar")
+        return {"options": {**options}, "max": None if most is None else float(most)}
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{where}: damaged, its run.reading does not say how the tests were read ({error})"
+        ) from error
 
 
 def _same(source: Mapping[str, Any], folder: Path, reading: Mapping[str, Any]) -> BulgeTest:
@@ -167,8 +181,10 @@ def _same(source: Mapping[str, Any], folder: Path, reading: Mapping[str, Any]) -
     there = next((place for place in places if place.exists()), None)
     if there is None:
         raise InputError(f"{source['source']} is no longer there")
-    test = read_test(str(there), **reading.get("options", {}))
+    try:
+        test = read_test(str(there), **reading["options"])
+    except (TypeError, AttributeError) as error:  # values that no option has
+        raise InputError(f"its run.reading.options are damaged ({error})") from error
     if test.checksum != source["sha256"]:
         raise InputError(f"{there} has changed since (its SHA-256 is another)")
-    most = reading.get("max_pressure_bar")
-    return test if most is None else up_to(test, most)
+    return test if reading["max"] is None else up_to(test, reading["max"])

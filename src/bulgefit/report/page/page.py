@@ -67,12 +67,15 @@ def _kept_out_of(result: Result, verb: str, where: str) -> list[dict[str, Any]]:
 
 
 def _checked(found: Any, where: str) -> list[dict[str, Any]]:
-    needed = {"name", "source", "sha256"}
-    if not isinstance(found, list) or any(
-        not isinstance(source, dict) or needed - source.keys() for source in found
-    ):
+    if not isinstance(found, list) or not all(map(_is_source, found)):
         raise InputError(f"{where}: damaged, its sources are no names, files and checksums")
     return found
+
+
+def _is_source(found: Any) -> bool:
+    if not isinstance(found, dict) or {"name", "source", "sha256"} - found.keys():
+        return False
+    return isinstance(found["name"], str) and isinstance(found["source"], str | None)
 
 
 def has_maps(verb: str) -> bool:
@@ -106,7 +109,7 @@ def page_html(
     sources = [*sources_of(result, where), *_kept_out_of(result, verb, where)]
     with _damage_told(where, verb) if where else nullcontext():
         page, origin = _PAGES[verb][1](result), _origin(result, sources, where)
-    fields = _fields(result, verb, tests)
+        fields = _fields(result, verb, tests)
     fields["notes"] = [*notes, *fields["notes"]]
     return rendered(page, fields, origin)
 
