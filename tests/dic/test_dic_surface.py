@@ -95,6 +95,13 @@ def test_a_frame_without_points_tells_nothing():
         assert np.isnan(values.strain_noise[2]).all()
 
 
+@pytest.mark.parametrize("window", [0.043, 0.2, 6.0])
+def test_windows_that_no_points_fill_are_refused_before_their_places(window, monkeypatch):
+    monkeypatch.setattr("bulgefit.dic.surface.measured._places", None)
+    with pytest.raises(InputError, match=f"no window of {window:g} mm has the 30 points"):
+        measure(cap(), window=window)
+
+
 def test_points_of_which_dx_was_never_measured_are_refused():
     (block,) = cap().blocks
     moved = block.displacement.copy()

@@ -155,6 +155,8 @@ def measure(
     noise = noise_of(test)
     window = chosen_window(test, noise, window)
     sigma = np.full(3, np.nan) if noise is None else noise_in_windows(noise)
+    if not _can_hold_enough(test, window):
+        raise _too_narrow(test, window)  # before a grid of a great many places
     places = _places(test, window) if points is None else _given(points, test.radius)
     if _most_points(test, places, window) < fewest_points():
         raise _too_narrow(test, window)  # before the fields of a great many narrow windows
@@ -233,6 +235,23 @@ def _measured_points(test: BulgeTest) -> Floats:
     """In the plane, (n, 2) mm: those that some frame saw."""
     seen = [block.reference[block.measured.any(axis=0), :2] for block in test.blocks]
     return np.concatenate(seen).astype(np.float64)
+
+
+def _can_hold_enough(test: BulgeTest, window: float) -> bool:
+    """Whether a window (mm), wherever it lies, may have the points that it takes.
+
+    All points of a window lie within its diameter of each of them.
+    """
+    from scipy.spatial import KDTree
+
+    count = fewest_points()
+    for block in test.blocks:
+        points = block.reference[block.measured.any(axis=0), :2]
+        if len(points) >= count:
+            farthest = KDTree(points).query(points, k=[count])[0]
+            if farthest.min() <= 2.0 * window:
+                return True
+    return False
 
 
 def _most_points(test: BulgeTest, places: Floats, window: float) -> int:
