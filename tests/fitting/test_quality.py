@@ -88,6 +88,20 @@ def test_a_mesh_too_coarse_for_the_noise_is_said(make: Maker) -> None:
     assert max(fine.mesh_error_mm) < 0.2 * max(coarse.mesh_error_mm)
 
 
+def test_what_is_left_of_the_coarsest_meshs_error_is_not_known(
+    make: Maker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test = make(exact=True, noise=NOISE, frames=8)
+    codes = {w.code for w in judged(test, Setup(refine=1), starts=1).warnings}
+    assert "mesh_remainder_unknown" in codes
+    assert "mesh_error_unknown" not in codes
+    # where the finer mesh finds no equilibrium, nothing is taken off
+    monkeypatch.setattr("bulgefit.fitting.objective.correct_mesh", lambda *_: None)
+    codes = {w.code for w in judged(test, Setup(refine=1), starts=1).warnings}
+    assert "mesh_error_unknown" in codes
+    assert "mesh_remainder_unknown" not in codes
+
+
 def test_every_doubt_can_be_said() -> None:
     """With all the words that any asks for; codes are what scripts rely on."""
     words = {"name": "E1", "value": 300.0, "lower": 20.0, "upper": 300.0, "starts": 3}
@@ -101,5 +115,5 @@ def test_every_doubt_can_be_said() -> None:
         "at_bound", "worse_than_undeformed", "explains_little", "other_optimum", "undetermined",
         "no_start_converged", "starts_disagree",
         "too_few_points", "inseparable", "prior_conflict", "mesh_error_unknown",
-        "mesh_error_large", "stated_unknown",
+        "mesh_remainder_unknown", "mesh_error_large", "stated_unknown",
     ]  # fmt: skip

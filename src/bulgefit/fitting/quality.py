@@ -20,6 +20,7 @@ from bulgefit.fitting.optima import elsewhere, of_equal_worth
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
+from bulgefit.model.mesh_error import is_taken_off
 from bulgefit.shown import number_of, plain
 
 __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
@@ -71,6 +72,9 @@ class Doubt(Enum):
         "is wrong; look at the prior and its unit, and at the test, and leave out what is wrong"
     )
     MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
+    MESH_REMAINDER_UNKNOWN = (
+        "what is left of the mesh's error is not known: no coarser mesh tells it; raise --refine"
+    )
     MESH_ERROR_LARGE = (
         "what is left of the mesh's error is more than a third of the noise: raise --refine"
     )
@@ -219,7 +223,7 @@ def quality_of(
             *_about_errors(problem, bounded, errors, words),
             *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
-            *_about_mesh(problem, errors, noise),
+            *_about_mesh(problem, shapes, errors, noise),
         ],
     )
 
@@ -327,12 +331,14 @@ def _about_search(
 
 
 def _about_mesh(
-    problem: Problem, errors: Uncertainty, noise: list[float] | None
+    problem: Problem, shapes: Sequence[Shapes], errors: Uncertainty, noise: list[float] | None
 ) -> Iterator[Warned]:
     """Whether the mesh's error is in the result."""
     left = errors.mesh_error_mm
     if left is None and problem.objective.setup.corrects_mesh:
-        yield Doubt.MESH_ERROR_UNKNOWN.of()
+        every = zip(problem.objective.virtual, shapes, strict=True)
+        done = all(is_taken_off(virtual, there) for virtual, there in every)
+        yield (Doubt.MESH_REMAINDER_UNKNOWN if done else Doubt.MESH_ERROR_UNKNOWN).of()
     elif left is not None and noise is not None and (np.array(left) > np.array(noise) / 3).any():
         yield Doubt.MESH_ERROR_LARGE.of()
 

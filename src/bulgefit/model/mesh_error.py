@@ -18,7 +18,7 @@ from bulgefit.model.richardson import coarser, finer, left_over, taken_off
 from bulgefit.model.smooth import smooth_value
 from bulgefit.model.virtual_test import VirtualTest
 
-__all__ = ["correct_mesh", "mesh_remainder"]
+__all__ = ["correct_mesh", "is_taken_off", "mesh_remainder"]
 
 Floats = NDArray[np.float64]
 
@@ -39,6 +39,15 @@ def correct_mesh(virtual: VirtualTest, shapes: Shapes) -> None:
         return
     virtual.correction = taken_off(refine, shapes.displacement, there)
     virtual.correction[~(shapes.stable & stable)] = 0.0
+
+
+def is_taken_off(virtual: VirtualTest, shapes: Shapes) -> bool:
+    """Whether the correction holds for every frame in which these shapes have moved at all."""
+    if virtual.correction is None:
+        return False
+    corrected = np.any(virtual.correction, axis=(1, 2))
+    moved = np.any(shapes.displacement, axis=(1, 2))
+    return bool(np.all(corrected | ~moved))
 
 
 def mesh_remainder(virtual: VirtualTest, shapes: Shapes) -> Floats | None:

@@ -17,7 +17,7 @@ Result = Mapping[str, Any]
 #: or the fit cannot be used as it is.
 _OF_PARAMETERS = (
     "at_bound", "inseparable", "undetermined", "starts_disagree", "mesh_error_unknown",
-    "mesh_error_large", "stated_unknown", "apex_hole", "prior_conflict",
+    "mesh_remainder_unknown", "mesh_error_large", "stated_unknown", "apex_hole", "prior_conflict",
 )  # fmt: skip
 #: Share of the square misfit that is no noise, from which the model lacks more than the test is
 #: unsure of.
