@@ -91,6 +91,14 @@ def test_help_says_that_exports_are_read(verb, capsys):
     assert "export of a DIC system; bulgefit formats lists them)" in help_of(verb, capsys)
 
 
+@pytest.mark.parametrize("verb", ["evaluate", "fit", "batch", "crossval"])
+def test_help_says_what_leaves_the_meshs_error_in(verb, capsys):
+    told = help_of(verb, capsys)
+    assert "all but smooth leave the mesh's error in" in told
+    assert "study leaves the mesh's error in" in told
+    assert "and any by --interpolation study or an --evaluation that is not smooth" in told
+
+
 def test_help_says_what_a_page_shows(capsys):
     """Maps are of tests that were measured: a trial has none, nor has a cross-validation."""
     told = {verb: help_of(verb, capsys) for verb in ("fit", "diagnose", "crossval", "trial")}

@@ -136,13 +136,15 @@ def add_law_argument(group: argparse._ArgumentGroup, *, found: bool = False) -> 
     )
 
 
-def add_mesh_error_argument(group: argparse._ActionsContainer) -> None:
-    """Add --keep-mesh-error."""
+def add_mesh_error_argument(
+    group: argparse._ActionsContainer, stays: str = "that of a --mesh stays"
+) -> None:
+    """Add --keep-mesh-error; `stays` says which errors are never taken off."""
     group.add_argument(
         "--keep-mesh-error",
         action="store_true",
         help="do not take the error of bulgefit's own mesh off (default: it is estimated from a "
-        "finer mesh and taken off; that of a --mesh stays)",
+        f"finer mesh and taken off; {stays})",
     )
 
 

@@ -62,14 +62,15 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HOW",
         help="fields at the measured points by splines through the nodes (smooth), the cells' "
         "shape functions (shape), the study's radial basis functions (rbf) or the same on near "
-        "nodes (local-rbf) (default: smooth)",
+        "nodes (local-rbf); all but smooth leave the mesh's error in (default: smooth)",
     )
     group.add_argument(
         "--interpolation",
         default=None,
         metavar="HOW",
         help="in pressure: dense output of the path (dense), linear between the study's 200 "
-        "levels (study), or none: every frame is balanced (none) (default: dense)",
+        "levels (study), or none: every frame is balanced (none); study leaves the mesh's error in "
+        "(default: dense)",
     )
     group.add_argument(
         "--study",
@@ -83,7 +84,11 @@ def add_comparison_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BAR",
         help="leave frames above this pressure (bar) out (default: all frames)",
     )
-    _common.add_mesh_error_argument(group)
+    _common.add_mesh_error_argument(
+        group,
+        "that of a --mesh stays, and any by --interpolation study or an --evaluation that is not "
+        "smooth",
+    )
 
 
 def add_search_arguments(parser: argparse.ArgumentParser) -> None:

@@ -43,8 +43,8 @@ class Setup:
     linear_solver : str or None
         Force a linear solver; None chooses by size.
     correct_mesh : bool
-        Take the mesh's error off, as estimated from a finer one. Only with bulgefit's own meshes
-        and smooth evaluation; never done otherwise.
+        Take the mesh's error off, as estimated from a finer one. Only with bulgefit's own meshes,
+        smooth evaluation and an interpolation other than the study's; never done otherwise.
     """
 
     law: str = "hencky"
