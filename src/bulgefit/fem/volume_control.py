@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 #: Newton's method converges quadratically from a shape near by, or not at all. Where wrinkles come
 #: and go, a correction may be longer than the one before it; where two are, it does not contract.
 _ITERATIONS, _LONGER = 10, 2
+#: What a correction of wrinkled cloth may be, over one that counts, to be the last: steps go on
+#: from the shape, and levels are balanced from it.
+_WRINKLED = 1e3
 #: Parabolas through the pressures about the greatest one: each squares its error.
 _PARABOLAS = 3
 
@@ -94,8 +97,10 @@ def at_volume(
             break
         displacement = displacement + membrane.spread(correction)
         pressure += float(rate)
-        # what follows a correction is of the order of its square
-        if size <= close or (size < 1e-3 * before and size * size <= close * membrane.radius):
+        # what follows a correction is of the order of its square; where there are wrinkles, which
+        # come and go, of its own at most
+        settled = size < 1e-3 * before and size * size <= close * membrane.radius
+        if size <= close or (settled and (state.wrinkled == 0 or size <= _WRINKLED * close)):
             slope = membrane.spread(ahead) / growth
             return Point(displacement, pressure, volume, stable, 1.0 / growth, slope, iteration)
         longer += size >= before
