@@ -70,7 +70,7 @@ def test_columns_of_long_names_stand_apart(make: Maker, setup: Setup) -> None:
     fold = {
         "left_out": "one", "parameters": {"E1": 300.0, "clamp_slip.compliance": 0.02},
         "training": {"objective": "e_w", "value": 0.1},
-        "left_out_objectives": {"e": 0.1, "e_w": 0.1, "e_z": None},
+        "left_out_objectives": {"e": 0.1, "e_w": 0.1, "e_z": None}, "at_bound": [],
     }  # fmt: skip
     told = CrossValidation(
         {"folds": [fold], "objective": "e_w", "mean": 0.1, "standard_deviation": None}
