@@ -26,6 +26,17 @@ def benchmark(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return import_module("robustness")
 
 
+def end_of(
+    benchmark: ModuleType, seed: int, number: int
+) -> tuple[Membrane, np.ndarray, SolveError]:
+    """A set of the benchmark, and what its path ends with."""
+    case = benchmark.draw(seed, number)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    return membrane, stiffness, caught.value
+
+
 def test_a_path_that_leads_over_a_snap_is_no_path_beyond_a_loss(benchmark: ModuleType) -> None:
     """Shapes on both sides are stable, 0.27 mm apart; volume turns back there as pressure does."""
     case = benchmark.draw(64, 987)
@@ -69,22 +80,16 @@ def test_a_loss_is_looked_for_along_the_branch(benchmark: ModuleType) -> None:
 
     It was told at 1.158 bar, where a path to just below it ends at 1.131 bar.
     """
-    case = benchmark.draw(67, 1612)
-    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-    assert caught.value.reached == pytest.approx(0.11308, rel=1e-4)
-    assert not benchmark.doubts(membrane, stiffness, caught.value, beyond=False)
+    membrane, stiffness, error = end_of(benchmark, 67, 1612)
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert error.reached == pytest.approx(0.11308, rel=1e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
 
 
 def test_a_branch_is_not_followed_over_a_fold(benchmark: ModuleType) -> None:
     """Of 0.004 % of the pressure, at 0.7564 bar: a loss had been told at 0.837 bar."""
-    case = benchmark.draw(70, 466)
-    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.reached == pytest.approx(0.075642, rel=1e-4)
+    _, _, error = end_of(benchmark, 70, 466)
+    assert error.reached == pytest.approx(0.075642, rel=1e-4)
 
 
 def test_a_branch_is_not_followed_over_a_snap(benchmark: ModuleType) -> None:
@@ -92,11 +97,8 @@ def test_a_branch_is_not_followed_over_a_snap(benchmark: ModuleType) -> None:
 
     Tangents at both ends say of such a leap what they say of a way over a kink.
     """
-    case = benchmark.draw(71, 1467)
-    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.reached == pytest.approx(0.141007, rel=1e-4)
+    _, _, error = end_of(benchmark, 71, 1467)
+    assert error.reached == pytest.approx(0.141007, rel=1e-4)
 
 
 def test_a_balance_by_a_curve_is_as_exact_as_any(benchmark: ModuleType) -> None:
@@ -116,12 +118,9 @@ def test_a_point_of_wrinkled_cloth_is_balanced(benchmark: ModuleType) -> None:
 
     A loss was told at 0.0092 bar.
     """
-    case = benchmark.draw(71, 6415)
-    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-    assert caught.value.reached == pytest.approx(0.085271, rel=1e-3)
+    _, _, error = end_of(benchmark, 71, 6415)
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert error.reached == pytest.approx(0.085271, rel=1e-3)
 
 
 def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> None:
@@ -141,12 +140,9 @@ def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
 
     The loss at 0.667 bar was told at 0.676 bar.
     """
-    case = benchmark.draw(69, 3880)
-    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.reached == pytest.approx(0.06667, rel=3e-4)
-    assert not benchmark.doubts(membrane, stiffness, caught.value, beyond=False)
+    membrane, stiffness, error = end_of(benchmark, 69, 3880)
+    assert error.reached == pytest.approx(0.06667, rel=3e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
 
 
 def test_the_end_of_a_path_is_looked_at_by_its_own_tangent(benchmark: ModuleType) -> None:
