@@ -494,8 +494,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/ends.py",
-        "max()) <= tracer.tolerance",
-        "max()) > 0.0",
+        "max()) > tracer.tolerance",
+        "max()) < 0.0",
         "fem/test_robustness.py",
     ),
     Mutant(

@@ -94,13 +94,10 @@ def _leads_back(
     """Whether a shape found at s, and its ∂u/∂s, are of the same branch as one below.
 
     Beside a fold the branch runs along the mode that it snaps by, so that tangents at both ends
-    agree with the leap. But what is above a snap leads down past it. Where nothing leads down, a
-    kink is so near the lower end that the upper tangent alone tells the way.
+    agree with the leap. But what is above a snap leads down past it, or nowhere.
     """
     change, before, after = found[0] - shape, (s - low) * slope, (s - low) * found[1]
-    apart = _ROUGH * float(np.abs(change).max())
     back = tracer.sound_from(found[0] - after, low)
-    if back is None:
-        return float(np.abs(change - after).max()) <= apart
-    returns = float(np.abs(back[0] - shape).max()) <= tracer.tolerance
-    return returns and is_between(change, before, after, apart)
+    if back is None or float(np.abs(back[0] - shape).max()) > tracer.tolerance:
+        return False
+    return is_between(change, before, after, _ROUGH * float(np.abs(change).max()))
