@@ -14,14 +14,14 @@ from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, l
 from bulgefit.fem.tracing.levels import Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
-__all__ = ["LEAST_GROWTH", "ahead_of", "go_by_volume", "point_at", "rising"]
+__all__ = ["LEAST_GROWTH", "PATIENTLY", "ahead_of", "go_by_volume", "point_at", "rising"]
 
 Floats = NDArray[np.float64]
 
 #: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
 _GROWTH, LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-6, 0.2
-#: Steps by volume before a branch that still rises is given up.
-_BY_VOLUME = 40
+#: Steps by volume before pressure is stepped again from wherever they have led.
+PATIENTLY = 40
 
 
 def go_by_volume(tracer: Tracer, beyond: float, end: float, failure: NewtonError) -> None:
@@ -35,15 +35,16 @@ def go_by_volume(tracer: Tracer, beyond: float, end: float, failure: NewtonError
     last = tracer.levels[-1]
     here = first = point_at(tracer, last.s, last.displacement, last.slope, stable=last.stable)
     growth = _first_growth(tracer, first.volume)
-    for here in rising(tracer, first, growth, end):
+    steps = 0
+    for steps, here in enumerate(rising(tracer, first, growth, end), start=1):
         s = np.cbrt(here.pressure)
-        if s > beyond:
+        if s > beyond or steps == PATIENTLY:
             try:
                 tracer.solve(s, here.displacement, follow=True, rough=True)
                 return
             except NewtonError as error:
                 failure = error
-    if tracer.elliptic and not tracer.is_elliptic(here.displacement):
+    if steps < PATIENTLY and tracer.elliptic and not tracer.is_elliptic(here.displacement):
         s, shape, _ = ahead_of(tracer, here)
         tracer.solve(s, shape, follow=True, rough=True)
         return
@@ -53,7 +54,7 @@ def go_by_volume(tracer: Tracer, beyond: float, end: float, failure: NewtonError
 def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[Point]:
     """Points of a branch by volumes that grow, by a share at first, as long as it is sound.
 
-    They end where shorter steps do not lead on, or with the fortieth.
+    They end where shorter steps do not lead on, or after `PATIENTLY` of them.
 
     Raises
     ------
@@ -61,7 +62,7 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
         At the limit pressure, or where the law loses ellipticity short of the s = `end`.
     """
     points = [here]
-    while growth >= LEAST_GROWTH and len(points) <= _BY_VOLUME:
+    while growth >= LEAST_GROWTH and len(points) <= PATIENTLY:
         here = points[-1]
         try:
             point = _at_volume(tracer, here, here.volume + growth * abs(here.volume))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.tracing.by_volume import LEAST_GROWTH, ahead_of, point_at, rising
+from bulgefit.fem.tracing.by_volume import LEAST_GROWTH, PATIENTLY, ahead_of, point_at, rising
 from bulgefit.fem.tracing.ends import given_up, lost_at
 from bulgefit.fem.tracing.levels import Level, Tracer
 
@@ -69,17 +69,20 @@ def sound_up_to(tracer: Tracer, below: Level, top: float) -> tuple[float, Floats
     StoppedError
         Where it is not, or was not followed so far.
     """
-    s, shape, slope, stable = below.s, below.displacement, below.slope, below.stable
+    here = point_at(tracer, below.s, below.displacement, below.slope, stable=below.stable)
     for _ in range(_TIMES):
-        here = first = point_at(tracer, s, shape, slope, stable=stable)
-        grown = (top - s) * tracer.membrane.volume_change(shape, slope)
+        first, steps = here, 0
+        s = float(np.cbrt(first.pressure))
+        grown = (top - s) * 3.0 * s**2 / first.rate
         growth = max(0.5 * grown / abs(first.volume), LEAST_GROWTH)
         for here in rising(tracer, first, growth, top):
+            steps += 1
             s = float(np.cbrt(here.pressure))
             if s >= top:
                 return s, here.displacement
-        s, shape, slope = ahead_of(tracer, here)
-        stable = here.stable
-        if s >= top:
-            return s, shape
+        if steps < PATIENTLY:
+            s, shape, slope = ahead_of(tracer, here)
+            if s >= top:
+                return s, shape
+            here = point_at(tracer, s, shape, slope, stable=here.stable)
     raise given_up(tracer, tracer.failure, s)
