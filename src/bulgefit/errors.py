@@ -6,7 +6,16 @@ from collections.abc import Collection, Mapping
 from enum import Enum
 from typing import Any
 
-__all__ = ["BulgefitError", "Cause", "InputError", "SolveError", "kind_of", "needed", "one_of"]
+__all__ = [
+    "BulgefitError",
+    "Cause",
+    "InputError",
+    "SolveError",
+    "UnsolvedError",
+    "kind_of",
+    "needed",
+    "one_of",
+]
 
 
 class BulgefitError(Exception):
@@ -58,7 +67,11 @@ class Cause(Enum):
     NOT_CONVERGED = "the solver did not converge"
 
 
-class SolveError(BulgefitError, RuntimeError):
+class UnsolvedError(BulgefitError):
+    """Nothing that was tried has an equilibrium: the same run would end so again."""
+
+
+class SolveError(UnsolvedError, RuntimeError):
     """No equilibrium was found.
 
     Parameters

@@ -102,6 +102,14 @@ def test_the_command_line_replaces_the_file(seen: Seen, file: Callable[[str], st
     assert found[1] == (["a.npz", "b.npz"], 3, "e", True)
 
 
+def test_tests_may_stand_on_both_sides_of_an_option(seen: Seen, file: Callable[[str], str]) -> None:
+    """They were `unrecognized arguments` behind one, with --config as without."""
+    words = ["fit", "a.npz", "--starts", "3", "b.npz"]
+    assert cli.main(words) == 0
+    assert cli.main([*words, "--config", file('tests = ["c.npz"]')]) == 0
+    assert [(told["tests"], told["starts"]) for told in seen] == [(["a.npz", "b.npz"], 3)] * 2
+
+
 @pytest.mark.parametrize("words", [["--hold", "a=2"], ["--hold=a=2"]])
 def test_a_list_of_the_file_is_replaced_as_well(
     seen: Seen, file: Callable[[str], str], words: list[str]

@@ -286,6 +286,34 @@ def test_a_batch_shows_how_specimens_differ(folder: Path, capsys: Any) -> None:
     assert "good.npz: would replace what is read" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["fit", "crossval"])
+def test_what_has_no_equilibrium_leaves_no_journal(
+    verb: str, folder: Path, arrays: dict[str, Any], capsys: Any
+) -> None:
+    """The next run had been refused for it, and the same run again would end so again."""
+    np.savez("burst.npz", **{**arrays, "pressure": arrays["pressure"] * 10.0})
+    tests = ["burst.npz"] if verb == "fit" else ["burst.npz", "good.npz"]
+    assert run(verb, *tests, *SEARCH, "--json", "b.json") == 2
+    assert "no start found an equilibrium" in capsys.readouterr().err
+    assert not [*folder.glob("b.json*")]
+
+
+def test_a_run_that_lacks_memory_says_what_it_leaves(
+    folder: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep = Journal.keep
+
+    def lacks(self: Journal, *piece: Any) -> None:
+        keep(self, *piece)
+        raise MemoryError
+
+    monkeypatch.setattr(Journal, "keep", lacks)
+    assert run("fit", "good.npz", *SEARCH, "--json", "f.json") == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("bulgefit fit: error: not enough memory; ")
+    assert said.endswith("f.json.part keeps what is done, --resume goes on from it")
+
+
 def test_a_batch_tells_the_rest_where_one_cannot_be_fitted(
     folder: Path, arrays: dict[str, Any], capsys: Any
 ) -> None:

@@ -14,9 +14,9 @@ from typing import Any, NoReturn
 from bulgefit.cli._values import offer_values
 from bulgefit.cli.completion import SHELLS, Completion, complete, is_asked
 from bulgefit.cli.config import add_config_arguments, check_config, save_config, with_config
-from bulgefit.cli.stopping import Told, keeps, last_words, leave, listen
+from bulgefit.cli.stopping import Told, keeps, last_words, leave, listen, what_is_left
 from bulgefit.cli.streams import drop, prepare, say
-from bulgefit.errors import BulgefitError
+from bulgefit.errors import BulgefitError, InputError
 
 __all__ = ["VERBS", "main"]
 
@@ -86,14 +86,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our output has left; say nothing
         drop(sys.stdout)
         return BROKEN_PIPE
-    except BulgefitError as error:
+    except InputError as error:
         message = str(error)
+    except BulgefitError as error:
+        message = f"{error}{what_is_left()}"
     except OSError as error:  # such as a full disk behind stdout
         drop(sys.stdout)
         where = f"{error.filename}: " if error.filename else ""
-        message = f"{where}{error.strerror or error}"
+        message = f"{where}{error.strerror or error}{what_is_left()}"
     except MemoryError:
-        message = "not enough memory"
+        message = f"not enough memory{what_is_left()}"
     say(f"{_name(words)}: error: {' '.join(message.split())}\n")
     return BAD_INPUT
 
@@ -111,7 +113,8 @@ def _dispatch(words: list[str]) -> int:
         top.error(f"unknown verb {verb!r}; choose from {', '.join(VERBS)}")
     module = importlib.import_module(VERBS[verb][0])
     parser = _verb_parser(verb, module)
-    args = parser.parse_args(with_config(parser, words[at + 1 :]))
+    # what stands without an option may stand on both sides of one: `fit a.npz --starts 3 b.npz`
+    args = parser.parse_intermixed_args(with_config(parser, words[at + 1 :]))
     args.quiet = args.quiet or before.quiet
     check_config(args)
     args.words, args.began = words, _now()  # for the page of a report: how it was made

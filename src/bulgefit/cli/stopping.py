@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from bulgefit.cli.streams import say
 from bulgefit.files import drop_unfinished
 
-__all__ = ["Told", "keeps", "last_words", "leave", "listen"]
+__all__ = ["Told", "keeps", "last_words", "leave", "listen", "what_is_left"]
 
 #: Seconds that the program has to clean up after itself; then it ends as it stands.
 GRACE = 0.7
@@ -51,8 +51,13 @@ def keeps(journal: Path | None) -> None:
 
 def last_words(told: Told) -> str:
     """What ended the program, and what of its work is left to go on from."""
+    return told.word + what_is_left()
+
+
+def what_is_left() -> str:
+    """A clause that names the journal of a run that did not end well; empty where it keeps none."""
     kept = [journal for journal in _journal if journal.is_file()]
-    return told.word + "".join(f"; {j} keeps what is done, --resume goes on from it" for j in kept)
+    return "".join(f"; {j} keeps what is done, --resume goes on from it" for j in kept)
 
 
 def listen(name: str) -> None:

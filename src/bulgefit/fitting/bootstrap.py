@@ -20,7 +20,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Parameter
-from bulgefit.errors import BulgefitError, InputError
+from bulgefit.errors import InputError, UnsolvedError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
 from bulgefit.fitting.problem import Problem
@@ -145,7 +145,7 @@ def bootstrap(
     ------
     InputError
         Numbers out of range, or tests with too few frames.
-    BulgefitError
+    UnsolvedError
         No refit found an equilibrium.
     """
     given = given_tests(tests)
@@ -166,7 +166,7 @@ def bootstrap(
     )
     values = [list(d.best.values.values()) for d in results if np.isfinite(d.best.value)]
     if not values:
-        raise BulgefitError(f"bootstrap: no refit found an equilibrium: {results[0].reason}")
+        raise UnsolvedError(f"bootstrap: no refit found an equilibrium: {results[0].reason}")
     failures = len(results) - len(values)
     return Bootstrap(found.free, np.array(values), failures, level, length, seed)
 

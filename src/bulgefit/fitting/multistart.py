@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from bulgefit.errors import BulgefitError, InputError
+from bulgefit.errors import InputError, UnsolvedError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Descent, Limits, descend
 from bulgefit.fitting.problem import Evaluation, Problem
 from bulgefit.model.parameters import Material
@@ -121,9 +121,9 @@ def _descend_alone(
 
 
 def best_of(problem: Problem, found: Sequence[Descent]) -> tuple[Evaluation, Material]:
-    """The lowest end of all descents, and its material; BulgefitError where there is none."""
+    """The lowest end of all descents, and its material; UnsolvedError where there is none."""
     values = [d.best.value for d in found]
     if not np.isfinite(values).any():
-        raise BulgefitError(f"no start found an equilibrium: {found[0].reason}")
+        raise UnsolvedError(f"no start found an equilibrium: {found[0].reason}")
     best = found[int(np.nanargmin(values))].best
     return best, problem.material(problem.coordinates(best.values))

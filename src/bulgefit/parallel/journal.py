@@ -26,7 +26,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
-from bulgefit.errors import InputError
+from bulgefit.errors import InputError, UnsolvedError
 from bulgefit.files import atomic_write_bytes, open_regular
 
 __all__ = ["Journal", "journaled", "kept", "outputs_of", "within_a_piece"]
@@ -196,7 +196,8 @@ def journaled(
 ) -> Iterator[Journal]:
     """Keep what is done in the block, and take what was done before.
 
-    The journal is removed when the block ends well, or when nothing was done in it.
+    The journal is removed when the block ends well, when nothing was done in it, and when it ends
+    as it would again: where nothing has an equilibrium.
 
     Parameters
     ----------
@@ -239,6 +240,9 @@ def journaled(
         try:
             yield journal
             ended = True
+        except UnsolvedError:
+            ended = True
+            raise
         finally:
             if ended or journal.is_empty:
                 journal.close()

@@ -308,6 +308,8 @@ def test_names_of_the_frames(truth, frames, holds):
     holds(read_test(folder, pressure="names", **SPECIMEN))
     with pytest.raises(InputError, match="no pressure found"):
         read_test(folder, pressure_column="q", **SPECIMEN)
+    with pytest.raises(InputError, match="--pressure names: names have no column; leave"):
+        read_test(folder, pressure="names", pressure_column="q", **SPECIMEN)
 
 
 def test_names_that_tell_another_unit_than_was_asked_for(truth, frames, holds):

@@ -97,6 +97,11 @@ def pressures_of(
     """
     names = [frame.name for frame in frames]
     if pressure == BY_NAMES:
+        if column is not None:
+            raise InputError(
+                f"--pressure {BY_NAMES}: names have no column; leave --pressure-column {column!r}, "
+                f"or --pressure {BY_NAMES}, out"
+            )
         return _from_names(names, unit, where)
     if pressure is not None:
         path = Path(pressure)
