@@ -93,7 +93,6 @@ def most_probable(
     """
     layout = Layout.of(coordinates.groups)
     data = [p.data for p in prepared]
-    pace.begins(Stage.TOGETHER)
     say("everything at once")
     rough = _rough_fit(data, coordinates, layout, start, origin)
     for index, p in enumerate(prepared):
