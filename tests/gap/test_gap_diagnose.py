@@ -379,9 +379,9 @@ def test_unknown_effects_list_the_known() -> None:
 def test_fits_that_ended_short_of_an_optimum_are_told(offset: Diagnosis) -> None:
     found = offset.explanation
     assert of_the_fits(found) == []
-    final = replace(found.final, converged=False)
+    final = replace(found.final, converged=False, short=0.43)
     (warning,) = of_the_fits(replace(found, final=final))
-    assert warning.startswith("the descent to the most probable values did not come to its end")
+    assert "did not come to its end: by its derivatives they lie up to 0.43 standard" in warning
     (warning,) = of_the_fits(replace(found, baseline=replace(found.baseline, held=True)))
     assert warning.startswith("with the moduli alone, G12 is an upper limit")
 

@@ -406,6 +406,10 @@ def test_a_rough_descent_does_not_feel_its_way_to_where_nothing_balances():
         fit = descend(problem, layout, layout.whole(), np.zeros(1), roughly=roughly)
         assert not fit.converged
         assert 0.4 < fit.x[0] <= 0.5
+        # the optimum, and its standard error by what is left, which is more than the noise
+        away, curvature = 5000.0 / 5001.0 * 1.02 - fit.x[0], 5001.0
+        spread = np.sqrt(fit.here.square / problem.noise / curvature)
+        assert fit.short == pytest.approx(away / spread, rel=1e-9)
         solves[roughly] = problem.solves
     assert solves[True] < solves[False] - 2
 
@@ -441,6 +445,7 @@ def test_a_descent_may_end_where_a_step_gains_no_share_that_is_told():
         descend(problem, layout, layout.whole(), start, share=share) for share in (0.0, 0.9)
     )
     assert whole.converged
+    assert whole.short == 0.0
     assert not part.converged
     assert part.steps < whole.steps
     assert whole.here.square < part.here.square < (problem._measured - valley(start)[0])[0] ** 2

@@ -102,9 +102,9 @@ def of_the_fits(found: Explanation) -> list[str]:
         )
     if not found.final.converged:
         out.append(
-            "the descent to the most probable values did not come to its end: values and standard "
-            "errors of the causes are those of where it stood, and the true ones may be further "
-            "away than these say"
+            "the descent to the most probable values did not come to its end: by its derivatives "
+            f"they lie up to {found.final.short:.2g} standard errors from those told, and no step "
+            "led there"
         )
     return out
 

@@ -52,6 +52,9 @@ class Regression:
     held : bool
         G12 was kept from falling, or did not come to its end: the fit asks for a softer one, by
         which frames lose stability.
+    short : float
+        Of a fit that did not converge: standard errors by which the combination of parameters that
+        is worst off lies away from the optimum that its derivatives promise.
     """
 
     keys: tuple[Key, ...]
@@ -62,6 +65,7 @@ class Regression:
     converged: bool
     covariance: Floats
     held: bool = False
+    short: float = 0.0
 
     @property
     def columns(self) -> tuple[Key, ...]:

@@ -58,6 +58,9 @@ class Fit:
         Points with derivatives that it took.
     given_up : bool
         It was on its way to more than was hoped of it.
+    short : float
+        Standard errors by which the combination of parameters that is worst off lies away from the
+        optimum that derivatives promise; 0 of a descent that converged.
     """
 
     model: Model
@@ -67,6 +70,7 @@ class Fit:
     converged: bool
     steps: int
     given_up: bool = False
+    short: float = 0.0
 
     @property
     def x(self) -> Floats:
@@ -225,7 +229,20 @@ def _descended(
     score = found.score if converged else found.score + found.ahead
     score += layout.believed(model)
     given_up = hopeless == _HOPELESS
-    return Fit(model, here.light(), score, found.covariance, converged, taken, given_up)
+    short = 0.0 if converged else float(np.sqrt(_promised(problem, layout, here)))
+    return Fit(model, here.light(), score, found.covariance, converged, taken, given_up, short)
+
+
+def _promised(problem: Problem, layout: Layout, here: Linearised) -> float:
+    """What a step of any length promises beside the misfit: the square of its standard errors.
+
+    Of the step δ to the optimum it is δᵀAδ, and no combination c of parameters moves by more of its
+    own, (c·δ)² ≤ δᵀAδ · cᵀA⁻¹c (Cauchy and Schwarz).
+    """
+    _, slope, matrix = quadratic(here, layout, here.columns)
+    lower = layout.lower[here.columns] - here.x[here.columns]
+    step = bounded_optimum(slope, matrix, lower)
+    return max(float(2.0 * slope @ step - step @ matrix @ step), 0.0) / _misfit(problem, here)
 
 
 def _other_side(problem: Problem, layout: Layout, found: Fit, until: _Until) -> Linearised | None:

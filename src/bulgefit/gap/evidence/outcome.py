@@ -115,6 +115,7 @@ def regression_of(weighing: Weighing, fit: Fit, covariance: Floats | None = None
         offsets,
         fit.converged,
         covariance * np.outer(stretch, stretch),
+        short=fit.short,
     )
 
 
