@@ -525,6 +525,24 @@ MUTANTS = (
         FITS,
     ),
     Mutant("fitting/bootstrap.py", "base.on_all_data()", "base", "fitting/test_bootstrap.py"),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "if s > beyond or steps == PATIENTLY:",
+        "if s > beyond:",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fitting/fit.py",
+        "if np.array_equal(z, before):",
+        "if not np.array_equal(z, before):",
+        "fitting/test_inverse_fit.py",
+    ),
+    Mutant(
+        "gap/evidence/descend.py",
+        "2.0 * slope @ step - step @ matrix @ step), 0.0)",
+        "slope @ step - step @ matrix @ step), 0.0)",
+        "gap/test_gap_evidence.py",
+    ),
 )
 
 

@@ -15,7 +15,7 @@ from bulgefit.fem.equilibrium import CORRECTION, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
-from bulgefit.fem.tracing import by_volume, sound
+from bulgefit.fem.tracing import advance, by_volume, sound
 from bulgefit.fem.tracing.ends import StoppedError
 from bulgefit.fem.tracing.levels import Tracer
 from bulgefit.fem.tracing.sound import check_ellipticity
@@ -108,10 +108,11 @@ def test_a_branch_is_followed_however_many_steps_by_volume_it_takes(
     """A loss was told where the fortieth step ended short of a kink that its branch goes on beyond.
 
     Of 5486 at 1.335 bar for 1.684, which takes long; with fewer steps at a time, at 2.99 bar of a
-    set that is stable up to 3.
+    set that is stable up to 3. No level is found by descent, which may leave the branch.
     """
     for module in (by_volume, sound):
         monkeypatch.setattr(module, "PATIENTLY", 5)
+    monkeypatch.setattr(advance, "_creep", None)
     case = benchmark.draw(71, 2786)
     stiffness = orthotropic_stiffness(*case.moduli, case.nu12)
     assert trace(case.membrane(), stiffness).stable.all()
