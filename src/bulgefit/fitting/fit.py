@@ -15,7 +15,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.errors import BulgefitError
 from bulgefit.fitting.beliefs import beliefs_of
-from bulgefit.fitting.minimise import Descent, descend
+from bulgefit.fitting.minimise import GAUSS_NEWTON, Descent, descend
 from bulgefit.fitting.multistart import best_of, multistart
 from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.options import FitOptions, options_from
@@ -30,9 +30,10 @@ __all__ = ["corrected_at_start", "fit", "polished", "stability"]
 
 Floats = NDArray[np.floating]
 
-#: Most rounds of the mesh's error at the end of a fit: where each leaves 0.6 of it, as in the worst
-#: that was seen, these leave a hundredth.
-_ROUNDS = 10
+#: Most rounds of the mesh's error at the end of a fit. Where each leaves 0.6 of it, as in the worst
+#: that was seen, ten leave a hundredth. Other methods end anywhere within their own tolerance, so
+#: that no round of theirs moves nothing.
+_ROUNDS, _OTHERS = 10, 2
 
 
 def fit(
@@ -66,7 +67,7 @@ def fit(
     ------
     InputError
         Input that cannot be used.
-    BulgefitError
+    UnsolvedError
         Every evaluation of every start failed.
     """
     began = time.perf_counter()
@@ -110,7 +111,8 @@ def polished(problem: Problem, z: Floats, options: FitOptions) -> Descent:
     measured; a second round leaves a hundredth of it. Where parameters can hardly be told apart a
     round may leave half: they go on until one moves none of them.
     """
-    for _ in range(_ROUNDS if problem.objective.setup.corrects_mesh else 0):
+    rounds = _ROUNDS if options.method == GAUSS_NEWTON else _OTHERS
+    for _ in range(rounds if problem.objective.setup.corrects_mesh else 0):
         problem.objective.correct_mesh(problem.shapes(z))
         before, end = z, descend(problem, z, options.method, options.limits)
         z = problem.coordinates(end.best.values)

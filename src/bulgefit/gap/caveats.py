@@ -103,8 +103,8 @@ def of_the_fits(found: Explanation) -> list[str]:
     if not found.final.converged:
         out.append(
             "the descent to the most probable values did not come to its end: by its derivatives "
-            f"they lie up to {found.final.short:.2g} standard errors from those told, and no step "
-            "led there"
+            f"they lie up to {found.final.short:.2g} standard errors from those told, and its "
+            "steps did not lead there"
         )
     return out
 
