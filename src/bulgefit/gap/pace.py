@@ -29,7 +29,7 @@ class Stage(Enum):
 #: with causes without a name, one with known ones, one clean, a family), which
 #: benchmarks/diagnosis.py, `--pace`, finds, and of two measured ones together (docs/gap.md), some
 #: more either way. On another machine, and of more points, all is as much slower or faster. Before
-#: the first fit of everything, which takes a clean test a third of its time and the measured ones a
+#: the first fit of everything, which takes a clean test half of its time and the measured ones a
 #: hundredth, nothing can be told.
 _AHEAD = {
     Stage.SEARCH: (0.8, 120.0),
