@@ -62,6 +62,19 @@ def test_of_what_the_rim_leaves(window: Window, distance: float, width: float) -
     assert operator @ (x * y) == pytest.approx(places.prod(axis=1).mean(), abs=0.2)
 
 
+def test_of_a_window_that_comes_to_touch_the_rim(window: Window) -> None:
+    """What its mean leaps by there is little of what it does, so that differences by it hold."""
+    x, _ = MESH.nodes.T
+    point = np.array([[91.0, 0.0]])
+    below, above = (
+        window.value(point / 100.0, width, CIRCLE) @ np.stack([x**2, x**4], axis=1)
+        for width in (9.0 - 1e-8, 9.0 + 1e-8)
+    )
+    leap = np.abs(above - below)[0] / (below[0] - [91.0**2, 91.0**4])
+    assert leap[0] < 1e-5
+    assert leap[1] < 1e-4
+
+
 @pytest.mark.parametrize("size", [0.25, 1.5])
 def test_a_rim_that_is_bent_too_far_is_refused(size: float) -> None:
     """Corrections that shrink slowly, or grow, tell no places."""
