@@ -30,7 +30,6 @@ from bulgefit.gap.evidence.orthant import _cut, log_share_above
 from bulgefit.gap.evidence.probability import weighed
 from bulgefit.gap.evidence.problem import Group, Layout, Linearised, Model
 from bulgefit.gap.evidence.search import Search
-from bulgefit.gap.evidence.secants import with_secants
 from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.ways import Ways
 from bulgefit.parallel.journal import journaled
@@ -1416,51 +1415,3 @@ def test_a_descent_goes_along_a_brink_and_not_over_it(told: bool) -> None:
     )
     assert found.x[0] < 1.0
     assert (abs(found.x[1] - best.x) < 0.05) == told
-
-
-def test_conjugate_steps_tell_the_matrix_itself() -> None:
-    """Of a quadratic misfit: as many as there are parameters are enough."""
-    rng = np.random.default_rng(5)
-    root = rng.normal(size=(4, 4))
-    matrix = root @ root.T + np.eye(4)
-    less = matrix - 0.5 * np.outer(root[:, 0], root[:, 0])
-    _, steps = np.linalg.eigh(matrix)  # conjugate, by eigenvectors
-    secants = [(step, matrix @ step) for step in steps.T]
-    np.testing.assert_allclose(with_secants(less, secants), matrix, rtol=1e-9, atol=1e-9)
-    assert with_secants(less, []) is less
-
-
-def test_what_curves_the_other_way_leaves_it_positive() -> None:
-    """A step along which the slope falls leaves a fifth of what the matrix has along it."""
-    matrix, step = np.diag([1.0, 4.0]), np.array([1.0, 0.0])
-    found = with_secants(matrix, [(step, -3.0 * step)])
-    np.testing.assert_allclose(found, np.diag([0.2, 4.0]), rtol=1e-12)
-
-
-def corner(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A valley with a sharp, bent bottom: what is measured there is 0, and 1 along it."""
-    off = x[0] - 0.3 * x[1] ** 2
-    value = np.array([10.0 + 5.0 * abs(off), x[0] + x[1]])
-    by_off = 5.0 * np.sign(off) * np.array([1.0, -0.6 * x[1]])
-    return value, np.array([by_off, [1.0, 1.0]])
-
-
-@pytest.mark.parametrize("start", [(-1.0, 2.0), (0.5, 4.0)])
-def test_goes_on_along_a_kink(start: tuple[float, float]) -> None:
-    """The trust region is shut there: its steps head across."""
-    problem = Known([group("a", [5.0, 5.0])], np.array([0.0, 3.0]), corner)
-    layout = Layout.of(problem.groups)
-
-    def bottom(y: float) -> float:
-        x = np.array([0.3 * y**2, y])
-        return float(10.0**2 + (3.0 - x.sum()) ** 2 + (x**2).sum() / 25.0)
-
-    least = minimize_scalar(bottom, bounds=(0.0, 4.0), method="bounded").fun
-
-    def beyond(**options: int) -> float:
-        fit = descend(problem, layout, layout.whole(), np.array(start), **options)
-        value = ((corner(fit.x)[0] - [0.0, 3.0]) ** 2).sum() + (fit.x**2).sum() / 25.0
-        return float(value) - float(least)
-
-    # a step has to promise 0.05 times the misfit's mean square, 50
-    assert beyond(over_kinks=60) < min(beyond(), 0.05 * 50.0)

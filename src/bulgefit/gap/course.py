@@ -16,7 +16,7 @@ from bulgefit.gap.attempt import Attempt
 from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field
 from bulgefit.gap.evidence.creases import on_points
-from bulgefit.gap.evidence.descend import STEPS, Fit, descend
+from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.improve import promise
 from bulgefit.gap.evidence.outcome import seen_by
 from bulgefit.gap.evidence.problem import Layout
@@ -33,8 +33,6 @@ Floats = NDArray[np.float64]
 
 #: Points that models are weighed by at least; beyond, as many as the noise's correlation leaves.
 LEAST_POINTS = 400
-#: Points that the best model's last descent may take over kinks: twice what others take in all.
-OVER_KINKS = 2 * STEPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +108,7 @@ def most_probable(
         correct_anew(p, found.here.near[index])
     offsets = on_points(data, search.problem.offsets)
     weighing = search.problem.over(data, offsets, _excess(search))
-
-    def last() -> Fit:
-        layout, near = search.layout, found.here.near
-        return descend(weighing, layout, found.model, found.x, near, over_kinks=OVER_KINKS)
-
-    fit = kept(last)
+    fit = kept(lambda: descend(weighing, search.layout, found.model, found.x, found.here.near))
     return Best(search, weighing, fit, creases_worth)
 
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from bulgefit.errors import InputError, SolveError
 from bulgefit.gap.evidence.brink import ROUNDS, SHARE, LostStabilityError, bounded_within
-from bulgefit.gap.evidence.laplace import bounded_optimum, inverted, laplace, quadratic
+from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.problem import Columns, Layout, Linearised, Model, Problem
-from bulgefit.gap.evidence.secants import Secant, with_secants
 from bulgefit.gap.evidence.sides import best_side, idle
 
 __all__ = ["Fit", "descend"]
@@ -27,8 +26,6 @@ STEPS = 40
 _SETTLED = 0.05
 #: Prior widths by which a first step may move any coordinate, and where no step is left.
 _REACH, _LEAST_REACH = 2.0, 1e-6
-#: By which a step over kinks is shortened where it leads uphill, and its least share.
-_SHORTER, _LEAST_PART = 0.3, 1e-6
 #: Share of the reach that a step is to use, and tries to find a damping by which it does.
 _USED, _HALVINGS = 0.7, 30
 #: Corrections of a landing by the derivatives of the start, as long as each is shorter than this
@@ -101,7 +98,6 @@ def descend(
     share: float = 0.0,
     hope: float | None = None,
     doubted: bool = False,
-    over_kinks: int = 0,
 ) -> Fit:
     """Minimise |r|² + Σ((x - n)/s)² over a model's coordinates.
 
@@ -144,8 +140,6 @@ def descend(
         equations").
     doubted : bool
         One point is enough for that: the start is where such a descent was given up.
-    over_kinks : int
-        Most points beyond those where that does not come to its end (`_over_kinks`).
 
     Raises
     ------
@@ -156,7 +150,7 @@ def descend(
     x = np.array(layout.null)
     x[columns] = np.maximum(start[columns], layout.lower[columns])
     here = problem.linearise(x, columns, near)
-    until = _Until(steps, roughly, share, hope, doubted, over_kinks)
+    until = _Until(steps, roughly, share, hope, doubted)
     found = _descended(problem, layout, model, here, until)
     while found.converged and (side := _other_side(problem, layout, found, until)) is not None:
         until = replace(until, steps=steps - found.steps, doubted=False)
@@ -176,7 +170,6 @@ class _Until:
     share: float
     hope: float | None
     doubted: bool
-    over_kinks: int
 
     def least(self, columns: Columns) -> float:
         """Gain by which a step is worth a solve, where the noise is all there is."""
@@ -231,99 +224,22 @@ def _descended(
             if gained < until.share * (value - problem.noise):
                 break
             last = gained
+    found = laplace(here, layout, columns)
+    # where a step that was not taken would lead is no evidence
+    score = found.score if converged else found.score + found.ahead
+    score += layout.believed(model)
     given_up = hopeless == _HOPELESS
-    fit = Fit(model, here, np.inf, np.zeros((0, 0)), converged, taken, given_up)
-    return _ended(problem, layout, fit, 0 if converged or given_up else until.over_kinks)
+    short = 0.0 if converged else float(np.sqrt(_promised(problem, layout, here)))
+    return Fit(model, here.light(), score, found.covariance, converged, taken, given_up, short)
 
 
-def _ended(problem: Problem, layout: Layout, fit: Fit, over_kinks: int) -> Fit:
-    """A fit with all that follows from where it ended, or from where steps over kinks led."""
-    here, converged, taken, columns = fit.here, fit.converged, fit.steps, fit.here.columns
-    matrix = quadratic(here, layout, columns)[2]
-    if over_kinks:
-        here, matrix, converged, more = _over_kinks(problem, layout, here, over_kinks)
-        taken += more
-    slope, found = quadratic(here, layout, columns)[1], laplace(here, layout, columns)
-    score = found.score
-    if not fit.converged:  # where a step that was not taken would lead is no evidence
-        score += found.ahead
-        score -= float(slope @ inverted(matrix)[0] @ slope) if converged else 0.0
-    short = 0.0 if converged else float(np.sqrt(_promised(problem, layout, here, slope, matrix)))
-    return Fit(
-        fit.model,
-        here.light(),
-        score + layout.believed(fit.model),
-        found.covariance,
-        converged,
-        taken,
-        fit.given_up,
-        short,
-    )
-
-
-def _over_kinks(
-    problem: Problem, layout: Layout, here: Linearised, steps: int
-) -> tuple[Linearised, Floats, bool, int]:
-    """On from where the trust region is shut: point, B (p, p), whether it converged, and steps.
-
-    Where a wrinkle comes or goes the misfit has a kink, and the less a region lets steps do the
-    more they head across that. Here a step that leads uphill is shortened, not turned, and each
-    that was taken tells what second derivatives add to the matrix (`secants`): of misfits with
-    kinks, too, that leads to the bottom (Lewis and Overton, 2013, "Nonsmooth optimization via
-    quasi-Newton methods").
-    """
-    columns, secants = here.columns, list[Secant]()
-    while True:
-        value, slope, matrix = quadratic(here, layout, columns)
-        matrix = with_secants(matrix, secants)
-        step, _ = _step(slope, matrix, layout, here, _REACH)
-        promised = float(2.0 * slope @ step - step @ matrix @ step)
-        size = float(np.abs(step / layout.width[columns]).max(initial=0.0))
-        if promised < _misfit(problem, here) * _SETTLED and size < _USED * _REACH:
-            return here, matrix, True, len(secants)
-        landed = None
-        if len(secants) < steps:
-            landed = _downhill(problem, layout, here, value, step)
-        ahead = None if landed is None else _slopes(problem, landed)
-        if landed is None or ahead is None:
-            return here, matrix, False, len(secants)
-        secants.append(_secant(layout, here, landed, ahead))
-        here = ahead
-
-
-def _downhill(
-    problem: Problem, layout: Layout, here: Linearised, value: float, step: Floats
-) -> Linearised | None:
-    """Where as much of a step leads as leads down; None where nothing of it does."""
-    columns, part = here.columns, 1.0
-    while part > _LEAST_PART:
-        try:
-            landed = _at(problem, here, here.x[columns] + part * step)
-        except LostStabilityError:
-            landed = None
-        if landed is not None and quadratic(landed, layout, columns)[0] < value:
-            return landed
-        part *= _SHORTER
-    return None
-
-
-def _secant(layout: Layout, here: Linearised, landed: Linearised, ahead: Linearised) -> Secant:
-    """A step that was taken: where it landed by the derivatives `here`, and by its own."""
-    columns = here.columns
-    step = ahead.x[columns] - here.x[columns]
-    _, before, _ = quadratic(landed, layout, columns)
-    _, after, matrix = quadratic(ahead, layout, columns)
-    return step, matrix @ step - (after - before)
-
-
-def _promised(
-    problem: Problem, layout: Layout, here: Linearised, slope: Floats, matrix: Floats
-) -> float:
+def _promised(problem: Problem, layout: Layout, here: Linearised) -> float:
     """What a step of any length promises beside the misfit: the square of its standard errors.
 
     Of the step δ to the optimum it is δᵀAδ, and no combination c of parameters moves by more of its
     own, (c·δ)² ≤ δᵀAδ · cᵀA⁻¹c (Cauchy and Schwarz).
     """
+    _, slope, matrix = quadratic(here, layout, here.columns)
     lower = layout.lower[here.columns] - here.x[here.columns]
     step = bounded_optimum(slope, matrix, lower)
     return max(float(2.0 * slope @ step - step @ matrix @ step), 0.0) / _misfit(problem, here)
