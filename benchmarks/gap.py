@@ -19,7 +19,7 @@ import argparse
 import json
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from math import erfc, sqrt
@@ -27,15 +27,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.journal import journaled
+
+Floats = NDArray[np.float64]
 
 #: Recorded frames of each test.
 FIELDS = {1: "valmex_test1_binned", 2: "valmex_test2_recorded", 4: "valmex_test4_recorded"}
@@ -46,6 +50,8 @@ STRAINS = (1.0, 2.0, 3.0, 5.0)
 MOST = 6
 #: Prior widths beyond which a parameter is told.
 WIDTHS = 2.0
+#: Rings (of the radius) in which the cloth's motion along the rim is told, and orders of its waves.
+RINGS, ORDERS = ((0.7, 0.8), (0.92, 0.98)), (1, 2, 3, 4)
 
 
 def gaps_of_each(found: Diagnosis, folder: Path) -> dict[str, dict[str, dict[str, float]]]:
@@ -96,6 +102,39 @@ def on_profile(path: Path, fit: Regression, index: int, data: Data, weight: floa
     return gap_of([residual], [np.ones(3)], weight)["e_w"]
 
 
+def along_the_rim(test: BulgeTest) -> list[list[float]]:
+    """Waves sin 2φ and sin 4φ (mm) of the motion about the axis in rings, without a model.
+
+    At the highest pressure, by all frames, in proportion to p^(2/3); φ is counted from warp.
+    """
+    radius, angle, about, load = (
+        np.concatenate(parts) for parts in zip(*_about(test), strict=True)
+    )
+    waves = [np.ones_like(angle)]
+    for order in ORDERS:
+        waves += [np.sin(order * angle), np.cos(order * angle)]
+    told = []
+    for inner, outer in RINGS:
+        ring = (radius >= inner) & (radius < outer)
+        found, *_ = np.linalg.lstsq((load * waves).T[ring], about[ring], rcond=None)
+        told.append([float(found[2 * order - 1]) for order in (2, 4)])
+    return told
+
+
+def _about(test: BulgeTest) -> Iterator[tuple[Floats, ...]]:
+    """Of each frame: distance over the radius, angle, motion about the axis, (p/p_max)^(2/3)."""
+    for pressure, (reference, displacement) in zip(
+        test.pressure, map(test.frame, range(test.n_frames)), strict=True
+    ):
+        known = np.isfinite(displacement).all(axis=1)
+        x, y = reference[known, :2].T
+        dx, dy = displacement[known, :2].T
+        angle = np.arctan2(y, x)
+        load = np.full(len(x), (pressure / test.pressure.max()) ** (2.0 / 3.0))
+        about = dy * np.cos(angle) - dx * np.sin(angle)
+        yield np.hypot(x, y) / test.radius, angle, about, load
+
+
 def met(paths: Mapping[int, Path], left_out: int, law: str) -> dict[str, Any]:
     """The other tests diagnosed together, and the one left out met with their cloth."""
     tests = {n: bulgefit.read_test(path) for n, path in paths.items()}
@@ -140,6 +179,8 @@ def page(record: Mapping[str, Any], left_out: Mapping[str, Mapping[str, Any]], l
                 for r in record["implied_reference"]
             ],
         ),
+        "## The cloth at the rim",
+        *_rim_rows(record["rim"]),
         "## What to measure next",
         *_advice(record["advice"]),
     ]
@@ -269,6 +310,16 @@ def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
+def _rim_rows(rim: Mapping[str, Sequence[Sequence[float]]]) -> list[str]:
+    rows = [[n, *(f"{v:.3f}" for ring in rings for v in ring)] for n, rings in rim.items()]
+    rings = [f"{inner:g} to {outer:g} of the radius" for inner, outer in RINGS]
+    return [
+        "How far points near the rim have moved along it at the highest pressure (mm), as "
+        "measured, by waves of the angle from warp:",
+        _table(["test", *(f"sin {m}φ, {ring}" for ring in rings for m in (2, 4))], rows),
+    ]
+
+
 def _met(left_out: Mapping[str, Mapping[str, Any]]) -> str:
     rows = []
     for number, d in left_out.items():
@@ -300,7 +351,8 @@ def main() -> None:
     with journaled(args.journal, asked, resume=True) if args.journal else nullcontext():
         found = bulgefit.diagnose(tests, law=args.law, workers=args.workers, say=_say("together"))
         left_out = {f"{n}": met(paths, n, args.law) for n in FIELDS} if args.left_out else {}
-    record = {**found.to_dict(), "each": gaps_of_each(found, args.data)}
+    rim = {f"{n}": along_the_rim(test) for n, test in zip(FIELDS, tests, strict=True)}
+    record = {**found.to_dict(), "each": gaps_of_each(found, args.data), "rim": rim}
     if args.report is not None:
         from bulgefit.report.diagnosis import write_report
 

@@ -14,6 +14,7 @@ from bulgefit.effects.fields.stiffness_field import CENTRES
 from bulgefit.effects.places import Clamping, Cloth
 from bulgefit.effects.registry import acting, catalogue, chosen_effects, fields, scatter
 from bulgefit.errors import InputError
+from bulgefit.fem.clamp import LEAST_COMPLIANCE
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.equilibrium import flat_guess, solve
 from bulgefit.fem.membrane import Fabric, Membrane
@@ -284,6 +285,58 @@ def test_a_sector_that_slips_by_its_own_traction_is_followed():
     assert np.sqrt((left**2).mean() / (slip**2).mean()) < 0.02
 
 
+ALONG = {"tangential_slip_field.s2_0": 0.3, "tangential_slip_field.c3_1": -0.05}
+
+
+def test_the_rim_moves_along_itself_by_its_waves(virtual: VirtualTest):
+    """Counter-clockwise, and nowhere else."""
+    shapes = virtual.shapes({**VALUES, **ALONG})
+    rim = virtual.mesh.nodes[virtual.mesh.rim] / 100.0
+    load = (virtual.recorded[:, None] / 0.25) ** (2 / 3)
+
+    def along(angle: np.ndarray) -> np.ndarray:
+        course = np.cos(np.pi * load)
+        return load * (0.3 * np.sin(2 * angle) - 0.05 * course * np.cos(3 * angle))
+
+    moved = along(np.arctan2(rim[:, 1], rim[:, 0]))[..., None] * rim[:, ::-1] * [-1.0, 1.0]
+    np.testing.assert_allclose(shapes.displacement[:, virtual.mesh.rim, :2], moved, atol=1e-12)
+    np.testing.assert_allclose(shapes.displacement[:, virtual.mesh.rim, 2], 0.0, atol=1e-12)
+    field = fields()["tangential_slip_field"]
+    given = {name.partition(".")[2]: value for name, value in ALONG.items()}
+    found = field.sampled(own(field, **given), 100.0, virtual.recorded)
+    by_angle = along(np.deg2rad(found.where["angle_degree"]))[-1]
+    np.testing.assert_allclose(found.values, by_angle, atol=1e-12)
+
+
+def test_an_edge_that_gives_along_itself_is_followed():
+    """Warp that is stiffer than fill pulls along the edge by sin 2φ, and turns nothing."""
+    membrane = Membrane(disc(), 0.81, "yarn", fabric=Fabric(compliance=0.02))
+    clamp = membrane.clamp
+    assert clamp is not None
+    along = np.stack([-clamp.radial[:, 1], clamp.radial[:, 0]], axis=1)
+    softer = clamp.length / 0.02 - clamp.length / LEAST_COMPLIANCE
+    clamp.stiffness += softer[:, None, None] * along[:, :, None] * along[:, None, :]
+    stiffness = orthotropic_stiffness(600.0, 210.0, 15.0, 0.24)
+    pressure, moved, shape = np.linspace(0.01, 0.3, 12), [], None
+    for p in pressure:
+        start = flat_guess(membrane, p, stiffness) if shape is None else shape
+        shape = solve(membrane, start, p, stiffness).displacement
+        moved.append((shape[clamp.rim, :2] * along).sum(axis=1))
+    slip, angle = np.array(moved), np.arctan2(clamp.radial[:, 1], clamp.radial[:, 0])
+    second, fourth, *finer = (slip[-1] @ np.sin(m * angle) for m in (2, 4, 6, 8))
+    assert second > fourth > 0.0
+    assert np.abs(finer).max() < 0.1 * second
+    assert np.abs((slip * clamp.length).sum(axis=1)).max() < 1e-6 * np.abs(slip).max() * 628.0
+    field, clamping = fields()["tangential_slip_field"], Clamping(angle, pressure)
+    each = [own(field, **{p.name: 1.0}) for p in field.parameters]
+    waves = [field.clamp(values, clamping).along for values in each]
+    basis = np.array(waves).reshape(len(waves), -1).T
+    found, *_ = np.linalg.lstsq(basis, slip.ravel(), rcond=None)
+    left = slip.ravel() - basis @ found
+    # 0.025 in proportion to traction alone, 0.51 with order 2 alone
+    assert np.sqrt((left**2).mean() / (slip**2).mean()) < 0.012
+
+
 def course_of(virtual: VirtualTest) -> np.ndarray:
     """Decades of time over those of the last frame: none at the first."""
     passed = virtual.time - virtual.time[0]
@@ -376,8 +429,9 @@ def test_a_rim_on_springs_is_pulled_at_their_ends(virtual: VirtualTest):
     held = virtual.shapes({**VALUES, **SLIP})
     sprung = virtual.shapes({**VALUES, **SLIP, **stiff}, near=held)
     np.testing.assert_allclose(sprung.displacement, held.displacement, atol=3e-4)
-    values = {**VALUES, **SLIP, "clamp_slip.compliance": 0.02, "lift_field.c2": 0.1}
+    values = {**VALUES, **SLIP, **ALONG, "clamp_slip.compliance": 0.02, "lift_field.c2": 0.1}
     names = ["slip_field.c2_0", "slip_field.c0_1", "clamp_slip.compliance", "lift_field.c2"]
+    names += ALONG
     here = virtual.predict(values, names, sprung)
     for name, derivative in zip(names, here.derivative, strict=True):
         step = 1e-3 if name == "clamp_slip.compliance" else 0.01

@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Read a bulge test of any known format, mend what `bulgefit info` finds, check it, and\n"
         "write it as .npz or HDF5 (.h5, .hdf5). What is asked for is done in the order of this\n"
-        "help: units, positions, swap, flip, shift, level, centre, recorded; then points are\n"
-        "cropped, and the test is turned last."
+        "help: units, positions, swap, flip, shift, level, centre, recorded, whole\n"
+        "bins; then points are cropped, and the test is turned last."
     )
     parser.epilog = (
         "examples:\n"
@@ -123,6 +123,12 @@ def _add_mends(parser: argparse.ArgumentParser) -> None:
         help="undo an interpolation straight in pressure: keep the recorded frames, as far as the "
         "interpolated ones tell them",
     )
+    group.add_argument(
+        "--whole-bins",
+        action="store_true",
+        help="of points that are means over square bins, given at the bins' centres, leave out "
+        "those whose bin the rim or a hole cuts",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -166,6 +172,7 @@ def _done(args: argparse.Namespace) -> str:
     said += ["--level"] if args.level else []
     said += [f"--centre {args.centre}"] if args.centre is not None else []
     said += ["--recorded"] if args.recorded else []
+    said += ["--whole-bins"] if args.whole_bins else []
     said += [f"--crop {args.crop:g}"] if args.crop is not None else []
     said += [f"--rotate {args.rotate:g}"] if args.rotate else []
     return " ".join(said)
@@ -174,6 +181,7 @@ def _done(args: argparse.Namespace) -> str:
 def _mends(args: argparse.Namespace) -> list[Mend]:
     """What is asked for, in the order in which it is done."""
     from bulgefit.dic import mend
+    from bulgefit.dic.cut_bins import whole_bins
     from bulgefit.dic.unmix import unmixed
 
     units = [_unit(text) for text in args.unit]
@@ -197,6 +205,8 @@ def _mends(args: argparse.Namespace) -> list[Mend]:
         mends.append(partial(mend.centred, by=args.centre))
     if args.recorded:
         mends.append(unmixed)
+    if args.whole_bins:
+        mends.append(whole_bins)
     return mends
 
 

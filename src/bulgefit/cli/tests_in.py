@@ -164,12 +164,13 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     from bulgefit.dic import read_test
     from bulgefit.dic.given import distinctly_named
     from bulgefit.dic.suspicions import alarms
+    from bulgefit.dic.suspicions.bins import about_bins
     from bulgefit.dic.suspicions.copies import about_copies
 
     options = reader_options(args)
     tests = distinctly_named([read_test(path, **options) for path in args.tests])
     for test in tests:
-        for alarm in (*alarms(test), *about_copies(test)):
+        for alarm in (*alarms(test), *about_copies(test), *about_bins(test)):
             progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
     for one, other in combinations(tests, 2):
         if same_data(one, other):

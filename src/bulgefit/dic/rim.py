@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.coverage import coverage
+from bulgefit.dic.cut_bins import of_whole_bins
 
 __all__ = ["Rim", "rim_of", "rim_semi_axes"]
 
@@ -88,6 +89,7 @@ def _estimates(test: BulgeTest, oval: bool) -> Floats | None:
 
     Rows of (2, 3 or 4); None where points or frames are too few to tell.
     """
+    test, _ = of_whole_bins(test)
     order = np.argsort(test.pressure, kind="stable")
     at = np.unique(np.linspace(0, test.n_frames - 1, _MOST_FRAMES).astype(int))
     frames = [_heights(test, int(frame)) for frame in order[at]]

@@ -108,6 +108,8 @@ class Clamping:
     inwards : (frames, rim) array or None, mm
         How far the rim has moved towards the centre, beside what its traction makes it; None: it
         stays.
+    along : (frames, rim) array or None, mm
+        How far it has moved along the edge, counter-clockwise seen from +z; None: it stays.
     """
 
     angle: Floats
@@ -116,6 +118,7 @@ class Clamping:
     eased: Floats | None = None
     lift: Floats | None = None
     inwards: Floats | None = None
+    along: Floats | None = None
     time: Floats | None = None
 
     @property
@@ -152,10 +155,14 @@ class Clamping:
         """`inwards` and further (frames, rim) mm."""
         return by if self.inwards is None else self.inwards + by
 
+    def sheared(self, by: Floats) -> Floats:
+        """`along` and further (frames, rim) mm."""
+        return by if self.along is None else self.along + by
+
     @property
     def edge(self) -> Floats | None:
         """Displacement (frames, rim, 3) mm of the rim, or of the springs' ends; None: it stays."""
-        if self.lift is None and self.inwards is None:
+        if self.lift is None and self.inwards is None and self.along is None:
             return None
         out = np.zeros((len(self.pressure), len(self.angle), 3))
         if self.lift is not None:
@@ -163,6 +170,9 @@ class Clamping:
         if self.inwards is not None:
             out[..., 0] = -self.inwards * np.cos(self.angle)
             out[..., 1] = -self.inwards * np.sin(self.angle)
+        if self.along is not None:
+            out[..., 0] -= self.along * np.sin(self.angle)
+            out[..., 1] += self.along * np.cos(self.angle)
         return out
 
 

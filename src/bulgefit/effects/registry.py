@@ -39,6 +39,7 @@ GROUP = "bulgefit.effects"
 Kind = TypeVar("Kind", bound=Effect)
 
 _NO_EFFECTS = ("base", "fields", "further", "parameter", "places", "registry")
+_NO_FIELDS = ("base", "edge_waves")
 
 
 @cache
@@ -81,7 +82,7 @@ def fields() -> dict[str, Field]:
     found = (
         importlib.import_module(f"{fields_room.__name__}.{name}").EFFECT
         for _, name, _ in pkgutil.iter_modules(fields_room.__path__)
-        if name != "base"
+        if name not in _NO_FIELDS
     )
     return _in_order(found)
 

@@ -41,6 +41,11 @@ def left_out(prepared: Sequence[Prepared]) -> list[str]:
                 f"{round(frames / p.data.mixture)} and count as so many; interpolation between "
                 "frames that are far apart is off, which may look like a cause at light pressure"
             )
+        if p.cut:
+            out.append(
+                f"{name}: {number_of(p.cut, 'point')} at the edge of its grid were left out: they "
+                "stand at the centres of bins of which only a part was measured"
+            )
         if p.strays:
             out.append(
                 f"{name}: {p.strays} of {p.data.used.any(axis=2).sum() + p.strays} points of all "

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.cut_bins import of_whole_bins
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.noise import Noise, Source, estimate_noise, outliers
 from bulgefit.dic.unmix import recorded_frames
@@ -58,6 +59,8 @@ class Prepared:
         Root mean square of what the correction leaves of it; None where it could not be found.
     strays : int
         Points of frames that were left out because they depart from those around them.
+    cut : int
+        Points that were left out since they stand at the centres of bins that are cut.
     interpolated : int or None
         Frames of the file, where they were interpolated from those that are judged.
     """
@@ -68,6 +71,7 @@ class Prepared:
     discretisation: Floats
     mesh_error: Floats | None = None
     strays: int = 0
+    cut: int = 0
     interpolated: int | None = None
 
 
@@ -91,6 +95,8 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     recorded, interpolated = recorded_frames(test), None
     if recorded is not None and recorded.n_frames >= LEAST_FRAMES:
         test, interpolated = recorded, test.n_frames
+    test, cut = of_whole_bins(test)
+    _need_field(test)
     frames, rough_from = _usable_frames(test)
     if len(frames) < LEAST_FRAMES:
         dropped = (
@@ -109,7 +115,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     used = np.isfinite(block.displacement)
     mixture = len(test.pressure) / independent_frames(test)
     data = Data(specimen, noise.sigma, used, mixture * noise.inflation, mixture=mixture)
-    return Prepared(data, noise, rough_from, np.zeros(3), interpolated=interpolated)
+    return Prepared(data, noise, rough_from, np.zeros(3), cut=cut, interpolated=interpolated)
 
 
 def _one_block(test: BulgeTest) -> BulgeTest:

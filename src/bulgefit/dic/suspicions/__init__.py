@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.copies import without_copies
 from bulgefit.dic.suspicions.axes import about_axes
+from bulgefit.dic.suspicions.bins import about_bins
 from bulgefit.dic.suspicions.copies import about_copies
 from bulgefit.dic.suspicions.gauge import about_gauge
 from bulgefit.dic.suspicions.mixtures import about_mixtures
@@ -45,4 +46,5 @@ def _notes(test: BulgeTest) -> Iterator[Suspicion]:
     yield from about_mixtures(without_copies(test))
     yield from about_rough_frames(test)
     yield from about_points(test)
+    yield from about_bins(test)
     yield from about_offsets(test)
