@@ -74,8 +74,8 @@ def test_bins_that_the_rim_cuts_are_told(name, lost):
     assert found is not None
     assert found.lost == lost
     assert found.width == pytest.approx(7.41, abs=0.01)
-    assert 1.0 < found.shift < 1.7
-    assert found.error < 0.2
+    assert 1.4 < found.shift < 1.9
+    assert found.error < 0.15
 
 
 def test_profiles_tell_which_bins_are_where_they_say():

@@ -5,13 +5,12 @@ cuts a bin, what was averaged lies to one side of that: an edge that cuts bins a
 part of them whose middle is a quarter of their width away, on average. Beside the rim of a bulge,
 where the cloth stands at 40 degrees, heights are then off by more than a millimetre.
 
-Such points show what the field is further inside. So it is told how far: the field through the
-whole bins, continued by a polynomial, is compared with what the cut ones show.
+Such points show what the field is further inside. So it is told how far: what the three bins before
+it continue to, at a bin at the edge, is compared with what that shows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,13 +27,15 @@ Mask = NDArray[np.bool_]
 
 #: Share of the width by which points may lie off a square grid: files round to some digits.
 _ROUNDED = 0.01
-#: The eight bins around one, those first that share a side with it.
+#: The eight bins around one, those first that share a side with it, and which lies across.
 _AROUND = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)])
-_SIDES = 4
-#: Degree of the polynomial that continues the field, and most frames that are looked at.
-_DEGREE, _FRAMES = 6, 8
-#: Whole bins and cut ones that must be there to tell, and standard errors by which they do.
-_FEWEST, _SURE = 60, 3.0
+_ACROSS = (1, 0, 3, 2)
+#: Of a parabola through what is 1, 2 and 3 bins inside: its value and its slope by a bin at 0.
+_VALUE, _SLOPE = np.array([3.0, -3.0, 1.0]), np.array([-2.5, 4.0, -1.5])
+#: Most frames that are looked at.
+_FRAMES = 8
+#: Bins at the edge that must be there to tell, and standard errors by which they do.
+_FEWEST, _SURE = 30, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +73,8 @@ def cut_bins(block: Block) -> CutBins | None:
         return None
     width, neighbours = around
     known: Mask = np.asarray(np.isfinite(block.displacement).all(axis=2))
-    ever: Mask = np.append(known.any(axis=0), False)[neighbours]
-    edge, inner = np.asarray(~ever[:, :_SIDES].all(axis=1)), np.asarray(ever.all(axis=1))
-    shifts = _shifts(block, points, known, (edge, inner), ever @ _AROUND.astype(float))
-    if len(shifts) < _FEWEST // 2:
+    shifts = width * _shifts(block, known, neighbours)
+    if len(shifts) < _FEWEST:
         return None
     # no part of a bin has its middle farther from the bin's than half the width
     shifts = np.clip(shifts, -0.5 * width, 0.5 * width)
@@ -145,41 +144,38 @@ def _neighbours(points: Floats) -> tuple[float, NDArray[np.int64]] | None:
     return width, np.stack([table[tuple((cell + step).T)] for step in _AROUND], axis=1)
 
 
-def _shifts(
-    block: Block, points: Floats, known: Mask, bins: tuple[Mask, Mask], inwards: Floats
-) -> Floats:
-    """How far inside its centre each bin at the edge shows the field, mm: (those that tell it,)."""
-    length = np.linalg.norm(inwards, axis=1)
-    edge, inner = bins[0] & (length > 0.0), bins[1]
-    direction = inwards / np.maximum(length, 1.0)[:, None]
-    scale = float(np.abs(points).max())
-    value, by_x, by_y = _polynomials(points / scale)
-    told, weights = np.zeros(len(points)), np.zeros(len(points))
-    for frame in _frames(known & inner):
-        inside, cut = known[frame] & inner, known[frame] & edge
-        for component in np.asarray(block.displacement[frame], dtype=np.float64).T:
-            fit, *_ = np.linalg.lstsq(value[inside], component[inside], rcond=None)
-            misfit = float(np.mean((component[inside] - value[inside] @ fit) ** 2))
-            slope = (direction[:, 0] * (by_x @ fit) + direction[:, 1] * (by_y @ fit))[cut] / scale
-            weight = 1.0 / max(misfit, 1e-300)
-            told[cut] += weight * slope * (component[cut] - value[cut] @ fit)
-            weights[cut] += weight * slope**2
-    return np.asarray(told[weights > 0.0] / weights[weights > 0.0])
+def _shifts(block: Block, known: Mask, neighbours: NDArray[np.int64]) -> Floats:
+    """How far inside its centre each bin at the edge shows the field, in widths: (that tell it,).
+
+    A bin tells it by the frames and components in which its three inner neighbours, across from the
+    side that is never measured, are known; each component by how straight others go on inside.
+    """
+    ever = np.append(known.any(axis=0), False)
+    inner = ever[:-1] & ever[neighbours].all(axis=1)
+    frames, found = _frames(known), []
+    measured = np.asarray(block.displacement[frames], dtype=np.float64)
+    for side, across in enumerate(_ACROSS):
+        chain = _chain(neighbours[:, across])
+        there = (chain >= 0).all(axis=0)
+        at_edge = there & ever[:-1] & ~ever[neighbours[:, side]]
+        off = measured - np.tensordot(_VALUE, measured[:, chain], (0, 1))
+        slope = np.tensordot(_SLOPE, measured[:, chain], (0, 1))
+        inside = off[:, there & inner & inner[chain].all(axis=0)]
+        weight = 1.0 / np.maximum(np.nanmean(inside**2, axis=1, keepdims=True), 1e-300)
+        told = np.nansum(weight * off * slope, axis=(0, 2))[at_edge]
+        weights = np.nansum(weight * np.where(np.isnan(off), 0.0, slope**2), axis=(0, 2))[at_edge]
+        found.append(told[weights > 0.0] / weights[weights > 0.0])
+    return np.concatenate(found)
 
 
-def _frames(whole: Mask) -> Iterator[int]:
-    """Frames of enough whole bins, evenly among them."""
-    enough = np.flatnonzero(whole.sum(axis=1) >= _FEWEST)
-    if len(enough):
-        for i in np.unique(np.linspace(0, len(enough) - 1, _FRAMES).round().astype(int)):
-            yield int(enough[i])
+def _chain(inward: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The bins 1, 2 and 3 inside each, (3, n); -1 where there is none."""
+    inward = np.append(inward, -1)
+    first = inward[:-1]
+    return np.stack([first, inward[first], inward[inward[first]]])
 
 
-def _polynomials(place: Floats) -> tuple[Floats, Floats, Floats]:
-    """Monomials (n, k) of x and y up to the degree, and their derivatives by either."""
-    powers = [(i, j) for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)]
-    x, y = (place[:, axis, None] ** np.arange(_DEGREE + 1) for axis in (0, 1))
-    value = np.stack([x[:, i] * y[:, j] for i, j in powers], axis=1)
-    by_x = np.stack([i * x[:, max(i - 1, 0)] * y[:, j] for i, j in powers], axis=1)
-    by_y = np.stack([j * x[:, i] * y[:, max(j - 1, 0)] for i, j in powers], axis=1)
-    return value, by_x, by_y
+def _frames(known: Mask) -> NDArray[np.int64]:
+    """Frames with measured points, evenly among them."""
+    some = np.flatnonzero(known.any(axis=1))
+    return np.asarray(some[np.unique(np.linspace(0, len(some) - 1, _FRAMES).round().astype(int))])
