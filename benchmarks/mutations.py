@@ -543,6 +543,25 @@ MUTANTS = (
         "slope @ step - step @ matrix @ step), 0.0)",
         "gap/test_gap_evidence.py",
     ),
+    Mutant("model/window.py", "_STRIPS, _ALONG = 8, 4", "_STRIPS, _ALONG = 5, 4", WINDOW),
+    Mutant(
+        "effects/places.py",
+        "out[..., 0] -= self.along",
+        "out[..., 0] += self.along",
+        "effects/test_effects_fields.py",
+    ),
+    Mutant(
+        "dic/cut_bins.py",
+        "known & beside.all(axis=2)",
+        "known & beside.any(axis=2)",
+        "dic/test_dic_cut_bins.py",
+    ),
+    Mutant(
+        "dic/cut_bins.py",
+        "np.array([3.0, -3.0, 1.0])",
+        "np.array([3.0, -2.0, 1.0])",
+        "dic/test_dic_cut_bins.py",
+    ),
 )
 
 

@@ -98,6 +98,12 @@ def test_mean_positions_are_on_no_grid():
     assert cut_bins(binned(at_centres=False).blocks[0]) is None
 
 
+def test_few_points_far_apart_are_no_grid():
+    """However close some of them are to each other: a table of all places would not be held."""
+    at = np.concatenate([grid(WIDTH, 60.0) * 1e-9, [[90.0, 0.0], [0.0, 90.0]]])
+    assert cut_bins(a_test(at, moved(*at.T)).blocks[0]) is None
+
+
 def test_bins_beside_a_hole_are_cut_too():
     test = binned(at_centres=True, hole=(30.0, -20.0, 9.0))
     left, _ = of_whole_bins(test)

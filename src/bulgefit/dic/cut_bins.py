@@ -27,6 +27,11 @@ Mask = NDArray[np.bool_]
 
 #: Share of the width by which points may lie off a square grid: files round to some digits.
 _ROUNDED = 0.01
+#: Strips in which points are counted first, and columns over the root of their number that a square
+#: grid has at most: it has as many as that on a disc, and rounding spreads each over a few strips.
+_STRIPS, _COLUMNS = 10_000, 8.0
+#: Places of the grid for each point, at most: a disc has 1.3 times as many in the square about it.
+_HOLES = 4.0
 #: The eight bins around one, those first that share a side with it, and which lies across.
 _AROUND = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)])
 _ACROSS = (1, 0, 3, 2)
@@ -69,7 +74,7 @@ def cut_bins(block: Block) -> CutBins | None:
     average, a quarter of the width; by three standard errors or more.
     """
     points = np.asarray(block.reference[:, :2], dtype=np.float64)
-    if len(points) < _FEWEST or (around := _neighbours(points)) is None:
+    if (around := _neighbours(points)) is None:
         return None
     width, neighbours = around
     known: Mask = np.asarray(np.isfinite(block.displacement).all(axis=2))
@@ -130,18 +135,26 @@ def _neighbours(points: Floats) -> tuple[float, NDArray[np.int64]] | None:
 
     -1 where there is none. None where they lie on no such grid.
     """
+    if len(points) < _FEWEST or not _may_be_grid(points[:, 0]):
+        return None
     distance, _ = KDTree(points).query(points, k=2)
     width = float(np.median(distance[:, 1]))
     if width == 0.0:
         return None
     place = (points - points[0]) / width
     cell = np.round(place)
-    if np.abs(place - cell).max() > _ROUNDED:
+    if np.abs(place - cell).max() > _ROUNDED or np.prod(np.ptp(cell, axis=0)) > _HOLES * len(cell):
         return None
     cell = cell.astype(np.int64) - cell.min(axis=0).astype(np.int64) + 1
     table = np.full(cell.max(axis=0) + 2, -1)
     table[tuple(cell.T)] = np.arange(len(points))
     return width, np.stack([table[tuple((cell + step).T)] for step in _AROUND], axis=1)
+
+
+def _may_be_grid(x: Floats) -> bool:
+    """Whether the points (n,) mm stand in few columns: a cloud of 40,000 is not looked at twice."""
+    strip = (x - x.min()) / max(float(np.ptp(x)), 1e-300) * _STRIPS
+    return len(np.unique(strip.astype(np.int64))) <= _COLUMNS * np.sqrt(len(x))
 
 
 def _shifts(block: Block, known: Mask, neighbours: NDArray[np.int64]) -> Floats:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.noise import Noise
 from bulgefit.dic.suspicions import alarms
+from bulgefit.dic.suspicions.bins import about_bins
 from bulgefit.dic.suspicions.points import about_apex_hole
 from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.minimise import Descent
@@ -215,9 +216,9 @@ def quality_of(
                 for alarm in alarms(test)
             ),
             *(
-                Warned(hole.code, f"{test.name}: {hole.text}; {hole.remedy}")
+                Warned(said.code, f"{test.name}: {said.text}; {said.remedy}")
                 for test in objective.tests
-                for hole in about_apex_hole(test)
+                for said in (*about_apex_hole(test), *about_bins(test))
             ),
             *_about_result(problem, z, bounded, explained, descents),
             *_about_errors(problem, bounded, errors, words),
