@@ -32,6 +32,7 @@ from scipy.interpolate import CubicSpline, griddata
 
 import bulgefit
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.cut_bins import of_whole_bins
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.regress import Regression
@@ -51,7 +52,7 @@ MOST = 6
 #: Prior widths beyond which a parameter is told.
 WIDTHS = 2.0
 #: Rings (of the radius) in which the cloth's motion along the rim is told, and orders of its waves.
-RINGS, ORDERS = ((0.7, 0.8), (0.92, 0.98)), (1, 2, 3, 4)
+RINGS, ORDERS = ((0.6, 0.7), (0.7, 0.8), (0.8, 0.9)), (1, 2, 3, 4)
 
 
 def gaps_of_each(found: Diagnosis, folder: Path) -> dict[str, dict[str, dict[str, float]]]:
@@ -107,6 +108,7 @@ def along_the_rim(test: BulgeTest) -> list[list[float]]:
 
     At the highest pressure, by all frames, in proportion to p^(2/3); φ is counted from warp.
     """
+    test, _ = of_whole_bins(test)
     radius, angle, about, load = (
         np.concatenate(parts) for parts in zip(*_about(test), strict=True)
     )
