@@ -94,6 +94,16 @@ def test_points_of_a_grid_that_are_where_they_say_are_kept(reach: float):
         whole_bins(test)
 
 
+def test_heights_alone_tell_it_too():
+    (block,) = binned(at_centres=True).blocks
+    displacement = np.array(block.displacement)
+    displacement[..., :2] = np.nan
+    test = BulgeTest.from_arrays(block.reference, displacement, PRESSURE)
+    found = cut_bins(test.blocks[0])
+    assert found is not None
+    assert found.lost == cut_bins(block).lost
+
+
 def test_mean_positions_are_on_no_grid():
     assert cut_bins(binned(at_centres=False).blocks[0]) is None
 

@@ -77,7 +77,7 @@ def cut_bins(block: Block) -> CutBins | None:
     if (around := _neighbours(points)) is None:
         return None
     width, neighbours = around
-    known: Mask = np.asarray(np.isfinite(block.displacement).all(axis=2))
+    known = block.measured
     shifts = width * _shifts(block, known, neighbours)
     if len(shifts) < _FEWEST:
         return None
@@ -105,7 +105,7 @@ def of_whole_bins(test: BulgeTest) -> tuple[BulgeTest, int]:
     if not any(found):
         return test, 0
     whole = [
-        np.asarray(np.isfinite(block.displacement).any(axis=2)) if one is None else one.whole
+        block.measured if one is None else one.whole
         for block, one in zip(test.blocks, found, strict=True)
     ]
     kept = [mask.any(axis=0) for mask in whole]
@@ -174,7 +174,9 @@ def _shifts(block: Block, known: Mask, neighbours: NDArray[np.int64]) -> Floats:
         off = measured - np.tensordot(_VALUE, measured[:, chain], (0, 1))
         slope = np.tensordot(_SLOPE, measured[:, chain], (0, 1))
         inside = off[:, there & inner & inner[chain].all(axis=0)]
-        weight = 1.0 / np.maximum(np.nanmean(inside**2, axis=1, keepdims=True), 1e-300)
+        number = np.isfinite(inside).sum(axis=1, keepdims=True)
+        square = np.nansum(inside**2, axis=1, keepdims=True)
+        weight = np.where(number > 0, number / np.maximum(square, 1e-300), 0.0)
         told = np.nansum(weight * off * slope, axis=(0, 2))[at_edge]
         weights = np.nansum(weight * np.where(np.isnan(off), 0.0, slope**2), axis=(0, 2))[at_edge]
         found.append(told[weights > 0.0] / weights[weights > 0.0])
@@ -191,4 +193,5 @@ def _chain(inward: NDArray[np.int64]) -> NDArray[np.int64]:
 def _frames(known: Mask) -> NDArray[np.int64]:
     """Frames with measured points, evenly among them."""
     some = np.flatnonzero(known.any(axis=1))
-    return np.asarray(some[np.unique(np.linspace(0, len(some) - 1, _FRAMES).round().astype(int))])
+    every = np.linspace(0, len(some) - 1, min(_FRAMES, len(some)))
+    return np.asarray(some[every.round().astype(int)])
