@@ -108,9 +108,10 @@ def test_mean_positions_are_on_no_grid():
     assert cut_bins(binned(at_centres=False).blocks[0]) is None
 
 
-def test_few_points_far_apart_are_no_grid():
+@pytest.mark.parametrize("closer", [1e-9, 1e-310])
+def test_few_points_far_apart_are_no_grid(closer: float):
     """However close some of them are to each other: a table of all places would not be held."""
-    at = np.concatenate([grid(WIDTH, 60.0) * 1e-9, [[90.0, 0.0], [0.0, 90.0]]])
+    at = np.concatenate([grid(WIDTH, 60.0) * closer, [[90.0, 0.0], [0.0, 90.0]]])
     assert cut_bins(a_test(at, moved(*at.T)).blocks[0]) is None
 
 
@@ -135,6 +136,18 @@ def test_a_bin_is_cut_in_the_frames_in_which_its_neighbour_is_lost():
     lost = np.isnan(kept.displacement).all(axis=2)
     np.testing.assert_array_equal(lost[:, near].all(axis=1), np.arange(len(PRESSURE)) == 2)
     assert not lost[:, ~near].any()
+
+
+def test_nothing_is_left_out_where_no_bin_is_whole():
+    (block,) = binned(at_centres=True).blocks
+    cell = np.round(block.reference[:, :2] / WIDTH).astype(int)
+    displacement = np.array(block.displacement)
+    for frame, moved_in in enumerate(displacement):
+        # one of every nine
+        moved_in[((cell - [frame, frame // 3]) % 3 == 0).all(axis=1)] = np.nan
+    test = BulgeTest.from_arrays(block.reference, displacement, PRESSURE)
+    assert of_whole_bins(test) == (test, 0)
+    assert "bins_cut" not in [one.code for one in suspicions(test)]
 
 
 def test_info_warns_and_convert_leaves_them_out(tmp_path: Path, capsys: pytest.CaptureFixture):

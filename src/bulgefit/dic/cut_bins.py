@@ -67,7 +67,7 @@ class CutBins:
 
 
 def cut_bins(block: Block) -> CutBins | None:
-    """The bins of a block that are cut; None where there are none, or points are where they say.
+    """The bins of a block that are cut; None where none or all are, or points are where they say.
 
     Bins at the edge, one of whose sides is never measured beyond, tell which: they show the field
     half way or more from their centres, where points lie that are no bins, to where cut bins lie on
@@ -88,6 +88,8 @@ def cut_bins(block: Block) -> CutBins | None:
         return None
     beside = np.concatenate([known, np.zeros((len(known), 1), dtype=bool)], axis=1)[:, neighbours]
     whole: Mask = np.asarray(known & beside.all(axis=2))
+    if not whole.any():
+        return None
     return CutBins(width, shift, error, whole, int((known.any(axis=0) & ~whole.any(axis=0)).sum()))
 
 
@@ -95,11 +97,6 @@ def of_whole_bins(test: BulgeTest) -> tuple[BulgeTest, int]:
     """The test without what cut bins show, and how many of its points are not in it at all.
 
     Bins count as cut in a frame in which any of the eight around them was not measured.
-
-    Raises
-    ------
-    InputError
-        No bin is whole.
     """
     found = [cut_bins(block) for block in test.blocks]
     if not any(found):
@@ -141,9 +138,11 @@ def _neighbours(points: Floats) -> tuple[float, NDArray[np.int64]] | None:
     width = float(np.median(distance[:, 1]))
     if width == 0.0:
         return None
-    place = (points - points[0]) / width
-    cell = np.round(place)
-    if np.abs(place - cell).max() > _ROUNDED or np.prod(np.ptp(cell, axis=0)) > _HOLES * len(cell):
+    with np.errstate(over="ignore", invalid="ignore"):  # points may be as close as numbers are
+        place = (points - points[0]) / width
+        cell = np.round(place)
+        off, places = np.abs(place - cell).max(), np.prod(np.ptp(cell, axis=0))
+    if not (off <= _ROUNDED and places <= _HOLES * len(cell)):
         return None
     cell = cell.astype(np.int64) - cell.min(axis=0).astype(np.int64) + 1
     table = np.full(cell.max(axis=0) + 2, -1)
