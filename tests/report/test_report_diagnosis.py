@@ -262,7 +262,7 @@ def test_what_has_no_name_is_told_by_its_place(found, group, where, told):
     sampled = Sampled(
         np.array([0.0, -0.45, 0.0]), {k: np.array([0, v, 0]) for k, v in where.items()}
     )
-    found_field = FoundField(group, sampled)
+    found_field = FoundField(group, sampled, np.full(3, 0.1))
     evidence = {group: Evidence(0.999, (), None, {})}
     explanation = replace(
         found.explanation,

@@ -31,6 +31,8 @@ __all__ = [
 
 #: Standard errors from which a cell is told.
 _TOLD = 3.0
+#: Places of a field's map.
+_PLACES = 1000
 
 
 def gaps_dict(gaps: Mapping[str, Gap], prepared: Sequence[Prepared]) -> dict[str, Any]:
@@ -122,8 +124,32 @@ def field_dict(found: Explanation, field: FoundField) -> dict[str, Any]:
         "unit": kind.unit,
         "where": where,
         "largest": largest,
+        "stderr": float(field.stderr[field.sampled.at_largest]),
         "share_of_gap": share,
+        "map": _map_of(field),
     }
+
+
+def _map_of(field: FoundField) -> dict[str, list[float]]:
+    """A field and its standard error at its places, or at some of many: of a grid, every k-th line.
+
+    Fields vary over a tenth of the radius and more, so that a thousand places of a disc show them.
+    """
+    where, kept = field.sampled.where, np.ones(len(field.stderr), dtype=bool)
+    if "x_mm" in where and len(kept) > _PLACES:
+        lines = [np.unique(where[axis], return_inverse=True) for axis in ("x_mm", "y_mm")]
+        if np.prod([len(values) for values, _ in lines]) < 2 * len(kept):
+            every = int(np.ceil(np.sqrt(len(kept) / _PLACES)))
+            kept = np.all([line % every == every // 2 for _, line in lines], axis=0)
+        else:
+            kept = np.arange(len(kept)) % int(np.ceil(len(kept) / _PLACES)) == 0
+    found = {**where, "value": field.sampled.values, "stderr": field.stderr}
+    return {name: [_short(v) for v in each[kept]] for name, each in found.items()}
+
+
+def _short(value: float) -> float:
+    """To the digits that a map has room for."""
+    return float(f"{value:.4g}") + 0.0  # not -0.0
 
 
 def step_dict(step: Step) -> dict[str, Any]:

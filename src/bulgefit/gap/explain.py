@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.fields.base import Sampled
 from bulgefit.effects.parameter import Key, Owned
-from bulgefit.effects.registry import fields
 from bulgefit.gap.apart import refitted, taken_apart
 from bulgefit.gap.course import most_probable
-from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.descend import Fit
@@ -26,14 +23,13 @@ from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
+from bulgefit.gap.explanation import Evidence, Explanation, Known
+from bulgefit.gap.found_fields import creases_found, field_found
 from bulgefit.gap.keys import offsets_of_points
-from bulgefit.gap.level import Level
 from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.structure import structure
-from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.memory import give_back
 
 __all__ = ["START", "explain"]
@@ -108,7 +104,11 @@ def explain(
     )
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
-    found_fields = [_field(coordinates, layout, fit, g, whole) for g in groups if is_field(g)]
+    found_fields = [
+        field_found(g, _values(coordinates, layout, fit, g), whole, final)
+        for g in groups
+        if is_field(g)
+    ]
     if offsets is not None:
         say("the model without offsets")
         smooth = weighing.smooth()
@@ -116,11 +116,12 @@ def explain(
         chance = float(expit(0.5 * best.creases_worth / tempered))
         without_creases = None if rest is None else regression_of(smooth, rest)
         for key in offsets_of_points(len(whole)):
-            if (offset := final.offsets[key.specimen or 0]) is not None:
-                creases, specimen = Owned(CREASES, key.specimen), whole[key.specimen or 0].specimen
+            index, creases = key.specimen or 0, Owned(CREASES, key.specimen)
+            offset, error = final.offsets[index], final.offset_errors[index]
+            if offset is not None and error is not None:
                 keys[creases] = (key,)
                 evidence[creases] = Evidence(chance, (), without_creases, {})
-                found_fields.append(FoundField(creases, _creases(specimen, offset)))
+                found_fields.append(creases_found(creases, whole[index], offset, error))
     return Explanation(
         baseline=baseline,
         final=final,
@@ -141,12 +142,6 @@ def _with_moduli(null: Floats, moduli: Mapping[Key, float]) -> Floats:
     x = np.array(null)
     x[: len(MODULI)] = np.log([moduli[m] for m in MODULI])
     return x
-
-
-def _creases(specimen: Specimen, offset: Floats) -> Sampled:
-    """Sizes of the offsets (n, 3) mm of a specimen's points, where they are."""
-    x, y = specimen.reference[:, :2].T
-    return Sampled(np.linalg.norm(offset, axis=1), {"x_mm": x, "y_mm": y})
 
 
 def _keys(coordinates: Coordinates, layout: Layout, model: Model, group: Owned) -> tuple[Key, ...]:
@@ -171,16 +166,11 @@ def _evidence(
     return Evidence(probability, rivals, without, pulls)
 
 
-def _field(
-    coordinates: Coordinates, layout: Layout, fit: Fit, group: Owned, data: Sequence[Data]
-) -> FoundField:
-    specimen = data[group.specimen or 0].specimen
+def _values(coordinates: Coordinates, layout: Layout, fit: Fit, group: Owned) -> dict[Key, float]:
+    """Of a group's parameters, those at their null among them."""
     part = layout.part(group)
-    values = {coordinates.every[c].key: float(fit.x[c]) for c in range(part.start, part.stop)}
-    own = {key.parameter: value for key, value in values.items()}
-    kind = fields()[group.effect]
-    sampled = kind.sampled(own, specimen.test.radius, specimen.recorded)
-    return FoundField(group, sampled, Level.of(kind, values))
+    every = [(coordinates.every[c], float(fit.x[c])) for c in range(part.start, part.stop)]
+    return {coordinate.key: coordinate.value(x) for coordinate, x in every}
 
 
 def _known(search: Search[Weighing]) -> Known:

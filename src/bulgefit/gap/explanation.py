@@ -53,11 +53,14 @@ class FoundField:
     ----------
     group : Owned
     sampled : Sampled
+    stderr : (m,) array
+        Standard error at each of its places, that of the rest of the model in it.
     level : Level
     """
 
     group: Owned
     sampled: Sampled
+    stderr: Floats
     level: Level = field(default_factory=Level)
 
 

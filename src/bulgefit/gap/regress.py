@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,8 @@ class Regression:
     held : bool
         G12 was kept from falling, or did not come to its end: the fit asks for a softer one, by
         which frames lose stability.
+    offset_errors : list of (points, 3) array or None
+        Standard errors (mm) of the offsets.
     short : float
         Of a fit that did not converge: standard errors by which the combination of parameters that
         is worst off lies away from the optimum that its derivatives promise.
@@ -66,6 +68,7 @@ class Regression:
     covariance: Floats
     held: bool = False
     short: float = 0.0
+    offset_errors: list[Floats | None] = field(default_factory=list)
 
     @property
     def columns(self) -> tuple[Key, ...]:

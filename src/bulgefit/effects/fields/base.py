@@ -39,8 +39,13 @@ class Sampled:
     @property
     def largest(self) -> tuple[float, dict[str, float]]:
         """The value that is furthest from zero, and where it is."""
-        at = int(np.argmax(np.abs(self.values)))
+        at = self.at_largest
         return float(self.values[at]), {k: float(v[at]) for k, v in self.where.items()}
+
+    @property
+    def at_largest(self) -> int:
+        """Which place the largest value has."""
+        return int(np.argmax(np.abs(self.values)))
 
 
 @dataclass(frozen=True, eq=False)

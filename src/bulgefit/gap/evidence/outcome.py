@@ -101,12 +101,15 @@ def regression_of(weighing: Weighing, fit: Fit, covariance: Floats | None = None
     values = {k: c.value(x) for k, c, x in zip(keys, chosen, fit.x[columns], strict=True)}
     known = _prior(chosen, fit.x[columns], weighing.excess)
     known += _heights(weighing.data, predictions, keys, free)
-    offsets = [
-        _offset(d, p) if has_offsets(free, index) else None
-        for index, (d, p) in enumerate(zip(weighing.data, predictions, strict=True))
-    ]
     stretch = np.array([_by_coordinate(c, x) for c, x in zip(chosen, fit.x[columns], strict=True)])
     covariance = fit.covariance if covariance is None else covariance
+    covariance = covariance * np.outer(stretch, stretch)
+    offsets: list[Floats | None] = [None] * len(predictions)
+    errors: list[Floats | None] = [None] * len(predictions)
+    for index, (d, p) in enumerate(zip(weighing.data, predictions, strict=True)):
+        if has_offsets(free, index):
+            offsets[index] = _offset(d, p)
+            errors[index] = _offset_error(d, p, *names_of(keys, index), covariance)
     return Regression(
         (*keys, *free),
         values,
@@ -114,8 +117,9 @@ def regression_of(weighing: Weighing, fit: Fit, covariance: Floats | None = None
         [_slim(p, o) for p, o in zip(predictions, offsets, strict=True)],
         offsets,
         fit.converged,
-        covariance * np.outer(stretch, stretch),
+        covariance,
         short=fit.short,
+        offset_errors=errors,
     )
 
 
@@ -123,6 +127,22 @@ def _offset(data: Data, prediction: Prediction) -> Floats:
     """Of every point (n, 3), mm: the mean of its residual."""
     residual = data.specimen.measured - prediction.displacement
     return offsets_of(residual, data.used, data.share)
+
+
+def _offset_error(
+    data: Data, prediction: Prediction, names: list[str], places: list[int], covariance: Floats
+) -> Floats:
+    """Standard error (n, 3), mm, of `_offset`: of the noise's mean, and of the parameters."""
+    values, used, trust = prediction.shapes.values, data.used, data.share
+    number = np.tensordot(trust**2, used, 1)
+    variance = data.sigma**2 * data.of_frames_mean(np.where(number > 0.0, number, 1.0))
+    slopes = [
+        offsets_of(by_value(name, values) * derivative, used, trust)
+        for name, derivative in zip(names, prediction.derivative, strict=True)
+    ]
+    own = covariance[np.ix_(places, places)]
+    variance += np.einsum("inc,ij,jnc->nc", slopes, own, slopes, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _slim(prediction: Prediction, offset: Floats | None) -> Prediction:

@@ -16,7 +16,7 @@ class Block:
     Attributes
     ----------
     kind : {"heading", "text", "list", "table", "fold", "fields", or a picture's}
-        Pictures are "bars", "spans", "discs", "curves" and "law".
+        Pictures are "bars", "spans", "discs", "curves", "unnamed" and "law".
     lines : tuple of str
         The text with **bold** parts, the items, the caption of a picture, or of a fold its name
         and what it holds in a few words; "fields" is where the maps stand.

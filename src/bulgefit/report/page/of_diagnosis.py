@@ -8,6 +8,7 @@ from typing import Any
 from bulgefit.gap.causes import Verdict
 from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.report._diagnosis_cloth import AT_REST, cloth_blocks, is_bent, stiffness_of
+from bulgefit.report._diagnosis_unnamed import unnamed_blocks
 from bulgefit.report.numbers import CARE, INTERVAL, USE, listed, value_text
 from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
@@ -30,6 +31,7 @@ def page_of_diagnosis(record: Record) -> Page:
     blocks = [
         Block("heading", ("Which cause",)),
         *told["causes"],
+        *unnamed_blocks(record),
         Block("heading", ("What it did to the moduli",)),
         *told["moduli"],
         *_moduli_spans(record),

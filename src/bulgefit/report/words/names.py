@@ -30,6 +30,8 @@ __all__ = [
 SMALL = 0.001
 #: Parameters of a form that are named one by one.
 _NAMED = 4
+#: Causes that a sentence says the meaning of.
+_EXPLAINED = 3
 
 
 def names_of(record: Record) -> list[str]:
@@ -87,7 +89,10 @@ def with_rivals(record: Record, cause: Mapping[str, Any]) -> str:
 
 
 def called_together(record: Record, causes: Sequence[Mapping[str, Any]]) -> str:
-    """Causes in a sentence, an effect of several tests once: what it means is said once, too."""
+    """Causes in a sentence, an effect of several tests once: what it means is said once, too.
+
+    Of many causes it is left to the words of each.
+    """
     together: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
     for cause in causes:
         together.setdefault((cause["effect"], *cause["alternatives"]), []).append(cause)
@@ -99,7 +104,8 @@ def called_together(record: Record, causes: Sequence[Mapping[str, Any]]) -> str:
         if rivals:
             told.append(f"one of {listed([effect, *rivals], 'or')}{whose}")
         else:
-            told.append(f"{effect}{whose} ({each[0]['meaning']})")
+            means = f" ({each[0]['meaning']})" if len(together) <= _EXPLAINED else ""
+            told.append(f"{effect}{whose}{means}")
     return listed(told)
 
 

@@ -10,6 +10,7 @@ from bulgefit.report.words.left import remainder_items
 from bulgefit.report.words.names import with_rivals
 from bulgefit.report.words.next import action_items, advice_items
 from bulgefit.report.words.notes import alarms_of, note_items
+from bulgefit.report.words.unnamed import field_items
 from bulgefit.report.words.verdict import verdict_words
 
 __all__ = ["table"]
@@ -38,13 +39,14 @@ def table(record: Record) -> str:
         for row in secant_rows(record)
     ]
     parts = {
+        "unnamed": field_items(record),
         "cloth": cloth_lines(record),
         "left": remainder_items(record)[:3],
         "next": (*action_items(record), *advice_items(record)),
         "note": note_items(record),
     }
     for title, items in parts.items():
-        lines.append("")
+        lines += [""] * bool(items)
         for item in items:
             lines += _wrapped(item, f"{title}: ")
     return "\n".join(lines)

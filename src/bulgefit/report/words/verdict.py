@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from bulgefit.gap.causes import Verdict
@@ -12,6 +12,7 @@ from bulgefit.report.record import Record
 from bulgefit.report.words.causes import is_undecided
 from bulgefit.report.words.left import strong_cells
 from bulgefit.report.words.names import called_together, chance_text, of_whom
+from bulgefit.report.words.unnamed import unnamed_words
 
 __all__ = ["is_unnamed", "verdict_words"]
 
@@ -57,37 +58,11 @@ def _open(record: Record) -> str:
 
 def _left(record: Record) -> str:
     """What is left, for a verdict."""
-    places = listed([_place(record, f) for f in record["fields"]])
-    if places:
-        return f"something that has no name sits in {places}"
+    if unnamed := unnamed_words(record):
+        return unnamed
     if strong_cells(record):
         return "structure is left"
     return "a pattern is left that is no larger than the noise, but not made by it"
-
-
-def _place(record: Record, found: Mapping[str, Any]) -> str:
-    """Where a field sits, of which test, and how large it is."""
-    unit = "" if found["unit"] == "1" else f" {found['unit']}"
-    return (
-        f"the place {found['place']!r}{of_whom(record, found)} ({found['quantity']}: "
-        f"up to {found['largest']:+.3g}{unit} at {_where(found['where'])}, "
-        f"{found['rms']:.2g}{unit} on the whole)"
-    )
-
-
-def _where(where: Mapping[str, float]) -> str:
-    if "x_mm" in where:
-        return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
-    if "angle_degree" in where:
-        return f"{where['angle_degree']:.0f}° from x"
-    if "strain" in where:
-        axis = "fill" if where["from_warp_degree"] > 45.0 else "warp"
-        return f"{100.0 * where['strain']:.2g} % strain along the {axis}"
-    if "from_warp_degree" in where:
-        return "fill" if where["from_warp_degree"] > 45.0 else "warp"
-    if "time_share" in where:
-        return f"{100.0 * where['time_share']:.0f} % of the test's time"
-    return f"{where['pressure_bar']:.3g} bar"
 
 
 def _helps(causes: Sequence[Any]) -> str:
