@@ -126,7 +126,7 @@ def test_a_page_tells_every_field_and_the_verdict_the_first(record, unnamed):
     assert "-0.394 ± 0.010" in row[0]
     assert "(27, 40) mm" in row[0] or "(33, 40) mm" in row[0]
     verdict = re.search(r"Verdict: partial.*?</li>", html, re.DOTALL)[0]
-    assert "and in 4 more, in the places" in verdict
+    assert "and in 4 others, of the places" in verdict
     assert "slip_field" not in verdict
     lines = table(record)
     assert lines.count("unnamed: ") == 5

@@ -26,7 +26,7 @@ def unnamed_words(record: Record) -> str:
     others = listed([*dict.fromkeys(repr(f["place"]) for f in found if f is not first)])
     return (
         f"something that has no name sits in {_place(record, first)}, and in "
-        f"{len(found) - 1} more, in the places {others}: see what has no name"
+        f"{len(found) - 1} others, of the places {others}: see what has no name"
     )
 
 
@@ -57,7 +57,8 @@ def field_row(found: Mapping[str, Any]) -> tuple[str, ...]:
 def where_text(where: Mapping[str, float]) -> str:
     """Where a field is largest."""
     if "x_mm" in where:
-        return f"({where['x_mm']:.0f}, {where['y_mm']:.0f}) mm"
+        x, y = (round(where[axis]) for axis in ("x_mm", "y_mm"))
+        return f"({x}, {y}) mm"
     if "angle_degree" in where:
         return f"{where['angle_degree']:.0f}° from x"
     if "strain" in where:
