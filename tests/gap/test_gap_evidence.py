@@ -1126,6 +1126,26 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
     assert np.cos(search.best.x[1] - side) > 0.999
 
 
+@pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])
+def test_what_waves_stand_for_is_found_beside_what_else_is_there(side):
+    """Waves stand for all of a lift but its tilt, which is in the tilt: no other has to go."""
+    tilt = np.array([0.5, -0.3])
+    groups = [*lifts([0.8, side, 0.0, *tilt]).groups, group("waves", [1.0] * 5)]
+    measured = rippled(np.array([0.8, side, 0.0, *tilt, *np.zeros(5)]))[0]
+    measured += np.random.default_rng(9).normal(size=160)
+    search = searched(Known(groups, measured, rippled))
+    stands = np.zeros(10)
+    stands[3:5] = tilt + 0.4 * np.array([np.cos(side), np.sin(side)])
+    even = 0.8 * 2.0 / (3.0 * np.pi)  # max(0, c) = 1/pi + c/2 + 2/(3 pi) cos 2φ - ...
+    stands[5:8] = 0.8 / np.pi, even * np.cos(2 * side), even * np.sin(2 * side)
+    trap = search.fit(freeze({"tilt": 0, "waves": 0}), stands)
+    best = improved(search, trap)
+    assert best.model == freeze({"lift": 0, "tilt": 0})
+    # a lift on the other side beside another tilt is the same
+    assert abs(np.cos(best.x[1] - side)) > 0.999
+    assert best.x[0] == pytest.approx(0.8, abs=0.02)
+
+
 def humped(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A lift (amplitude, side) on one side, and less and narrower on the other."""
     angle = np.linspace(0.0, 6.2, 160)

@@ -17,8 +17,9 @@ from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
-from bulgefit.gap.evidence.problem import Linearised, Model
+from bulgefit.gap.evidence.problem import Linearised, Model, freeze
 from bulgefit.gap.evidence.search import Search
+from bulgefit.gap.evidence.sides import best_side
 
 __all__ = ["improved", "promise"]
 
@@ -170,7 +171,7 @@ def _renewed(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
         return None
     search.renewed.add(fit.model)
     turned = _replaced(search, fit, around) or _turned(search, fit, around)
-    return turned or _uncovered(search, fit, around)
+    return turned or _uncovered(search, fit, around) or _sided(search, fit, around)
 
 
 def _replaced(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
@@ -235,6 +236,32 @@ def _uncovered(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
         if found is not None:
             better = _rid(search, found, keep=name)
             if better.score < fit.score:
+                return better
+    return None
+
+
+def _sided(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
+    """The best model with what is periodic in the place of a group of the same place.
+
+    From the side that takes off most where that group is not: beside it there is nothing left that
+    tells a side, or it makes up for a wrong one, and no forecast from there is right.
+    """
+    layout, forms = search.layout, dict(fit.model)
+    for name, at in layout.turning(layout.whole(search.names)):
+        for other in sorted(forms):
+            alike = layout.groups[other].place == layout.groups[name].place
+            if not alike or other == name or other.specimen != name.specimen:
+                continue
+            less = freeze({n: f for n, f in forms.items() if n not in (name, other)})
+            model = layout.whole([name]) | less
+            hope = search.hoped(fit, model, around)
+            start = np.array(fit.x)
+            for gone in (name, other):
+                start[layout.part(gone)] = layout.null[layout.part(gone)]
+            start, _ = best_side(search.problem, layout, start, at, fit.here.near)
+            found = replace(search, fits={}).fit(model, start, fit.here.near, hope=hope)
+            if found is not None and (better := _rid(search, found, keep=name)).score < fit.score:
+                search.take(better)
                 return better
     return None
 
