@@ -382,7 +382,12 @@ MUTANTS = (
     ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
     Mutant("gap/evidence/improve.py", " or _uncovered(search, fit, around)", "", EVIDENCE),
-    Mutant("gap/evidence/improve.py", "replace(search, fits={}).fit", "search.fit", EVIDENCE),
+    Mutant(
+        "gap/evidence/improve.py",
+        "replace(search, fits={}).fit(whole",
+        "search.fit(whole",
+        EVIDENCE,
+    ),
     Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),
     Mutant("gap/evidence/closely.py", "turning or not foreseen", "turning", EVIDENCE),
     Mutant("gap/evidence/descend.py", "share = promised / last", "share = 1.0", EVIDENCE),
@@ -561,6 +566,36 @@ MUTANTS = (
         "np.array([3.0, -3.0, 1.0])",
         "np.array([3.0, -2.0, 1.0])",
         "dic/test_dic_cut_bins.py",
+    ),
+    Mutant(
+        "gap/found_fields.py",
+        "variance += (0.5 * (",
+        "variance += (1.0 * (",
+        "gap/test_gap_found_fields.py",
+    ),
+    Mutant(
+        "gap/evidence/outcome.py",
+        "data.sigma**2 * data.of_frames_mean(",
+        "data.sigma * data.of_frames_mean(",
+        "gap/test_gap_found_fields.py",
+    ),
+    Mutant(
+        "gap/residual/measure.py",
+        "without = _by_derivatives if fit.converged else _by_shapes",
+        "without = _by_derivatives",
+        "gap/test_gap_measure.py",
+    ),
+    Mutant(
+        "gap/evidence/improve.py",
+        "if n not in (name, other)}",
+        "if n != name}",
+        EVIDENCE,
+    ),
+    Mutant(
+        "report/page/field_charts.py",
+        "< _TOLD * stderr] = 0",
+        "> _TOLD * stderr] = 0",
+        "report/test_report_unnamed.py",
     ),
 )
 

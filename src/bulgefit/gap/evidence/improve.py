@@ -19,7 +19,6 @@ from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
 from bulgefit.gap.evidence.problem import Linearised, Model, freeze
 from bulgefit.gap.evidence.search import Search
-from bulgefit.gap.evidence.sides import best_side
 
 __all__ = ["improved", "promise"]
 
@@ -243,22 +242,20 @@ def _uncovered(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
 def _sided(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
     """The best model with what is periodic in the place of a group of the same place.
 
-    From the side that takes off most where that group is not: beside it there is nothing left that
-    tells a side, or it makes up for a wrong one, and no forecast from there is right.
+    From nothing at all, where that group is not: there a descent sees all sides. Beside it nothing
+    is left that tells a side, or it makes up for a wrong one, and no forecast from there is right.
     """
     layout, forms = search.layout, dict(fit.model)
-    for name, at in layout.turning(layout.whole(search.names)):
+    for name, _ in layout.turning(layout.whole(search.names)):
         for other in sorted(forms):
             alike = layout.groups[other].place == layout.groups[name].place
             if not alike or other == name or other.specimen != name.specimen:
                 continue
             less = freeze({n: f for n, f in forms.items() if n not in (name, other)})
             model = layout.whole([name]) | less
-            hope = search.hoped(fit, model, around)
             start = np.array(fit.x)
-            for gone in (name, other):
-                start[layout.part(gone)] = layout.null[layout.part(gone)]
-            start, _ = best_side(search.problem, layout, start, at, fit.here.near)
+            start[layout.part(name)] = layout.null[layout.part(name)]
+            hope = search.hoped(fit, model, around)
             found = replace(search, fits={}).fit(model, start, fit.here.near, hope=hope)
             if found is not None and (better := _rid(search, found, keep=name)).score < fit.score:
                 search.take(better)
