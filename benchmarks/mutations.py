@@ -586,9 +586,9 @@ MUTANTS = (
         "gap/test_gap_measure.py",
     ),
     Mutant(
-        "gap/evidence/improve.py",
-        "if n not in (name, other)}",
-        "if n != name}",
+        "gap/evidence/sides.py",
+        "at, range(8))]",
+        "at, range(0, 8, 2))]",
         EVIDENCE,
     ),
     Mutant(

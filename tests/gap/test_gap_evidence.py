@@ -1138,8 +1138,9 @@ def test_what_waves_stand_for_is_found_beside_what_else_is_there(side):
     stands[3:5] = tilt + 0.4 * np.array([np.cos(side), np.sin(side)])
     even = 0.8 * 2.0 / (3.0 * np.pi)  # max(0, c) = 1/pi + c/2 + 2/(3 pi) cos 2φ - ...
     stands[5:8] = 0.8 / np.pi, even * np.cos(2 * side), even * np.sin(2 * side)
-    trap = search.fit(freeze({"tilt": 0, "waves": 0}), stands)
-    best = improved(search, trap)
+    search.fit(freeze({"tilt": 0, "waves": 0}), stands)
+    closely(search)
+    best = search.best
     assert best.model == freeze({"lift": 0, "tilt": 0})
     # a lift on the other side beside another tilt is the same
     assert abs(np.cos(best.x[1] - side)) > 0.999

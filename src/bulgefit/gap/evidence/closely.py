@@ -102,8 +102,9 @@ def _unforeseen(search: Search[Kind], less: Fit, gone: Owned, fit: Fit) -> tuple
 def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
     """What takes most off the misfit of a fit without one of its groups, fitted beside it.
 
-    Unless twice of that would not do: the best of four sides of what is periodic is an eighth of a
-    turn from the right one, at most, and takes off half as much as that, at least.
+    Unless twice of that would not do: the best of eight sides of what is periodic is a sixteenth of
+    a turn from the right one, at most, and takes off half as much as that, at least, even where the
+    opposite side would do as well.
     """
     layout = search.layout
     more = [m for m in larger(layout, search.names, less.model) if len(m) > len(less.model)]

@@ -17,7 +17,7 @@ from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.hidden import handed_over
 from bulgefit.gap.evidence.neighbours import larger, neighbours, smaller
-from bulgefit.gap.evidence.problem import Linearised, Model, freeze
+from bulgefit.gap.evidence.problem import Linearised, Model
 from bulgefit.gap.evidence.search import Search
 
 __all__ = ["improved", "promise"]
@@ -170,7 +170,7 @@ def _renewed(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
         return None
     search.renewed.add(fit.model)
     turned = _replaced(search, fit, around) or _turned(search, fit, around)
-    return turned or _uncovered(search, fit, around) or _sided(search, fit, around)
+    return turned or _uncovered(search, fit, around)
 
 
 def _replaced(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
@@ -208,7 +208,7 @@ def _turned(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
     for name, at in search.layout.turning(fit.model):
         whole = search.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
         hope = search.hoped(fit, whole, around)
-        for start in list(search.layout.sides(fit.x, at))[1:]:
+        for start in search.layout.sides(fit.x, at, (4, 2, 6)):
             # what it does from there, be it no better than from where it was fitted before
             found = replace(search, fits={}).fit(whole, start, hope=hope)
             if found is not None and found.here.square <= fit.here.square:
@@ -235,30 +235,6 @@ def _uncovered(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
         if found is not None:
             better = _rid(search, found, keep=name)
             if better.score < fit.score:
-                return better
-    return None
-
-
-def _sided(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
-    """The best model with what is periodic in the place of a group of the same place.
-
-    From nothing at all, where that group is not: there a descent sees all sides. Beside it nothing
-    is left that tells a side, or it makes up for a wrong one, and no forecast from there is right.
-    """
-    layout, forms = search.layout, dict(fit.model)
-    for name, _ in layout.turning(layout.whole(search.names)):
-        for other in sorted(forms):
-            alike = layout.groups[other].place == layout.groups[name].place
-            if not alike or other == name or other.specimen != name.specimen:
-                continue
-            less = freeze({n: f for n, f in forms.items() if n not in (name, other)})
-            model = layout.whole([name]) | less
-            start = np.array(fit.x)
-            start[layout.part(name)] = layout.null[layout.part(name)]
-            hope = search.hoped(fit, model, around)
-            found = replace(search, fits={}).fit(model, start, fit.here.near, hope=hope)
-            if found is not None and (better := _rid(search, found, keep=name)).score < fit.score:
-                search.take(better)
                 return better
     return None
 

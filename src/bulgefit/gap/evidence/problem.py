@@ -313,10 +313,10 @@ class Layout:
                 if np.isfinite(self.period[self._first[name] + index]):
                     yield name, self._first[name] + index
 
-    def sides(self, x: Floats, at: int) -> Iterator[Floats]:
-        """Points (n,): x, and where a coordinate is a half and a quarter of its period away."""
-        for quarters in (0, 2, 1, 3):
-            other, turned = np.array(x), x[at] + 0.25 * quarters * self.period[at]
+    def sides(self, x: Floats, at: int, eighths: Iterable[int]) -> Iterator[Floats]:
+        """Points (n,): x where a coordinate is so many eighths of its period away."""
+        for turn in eighths:
+            other, turned = np.array(x), x[at] + 0.125 * turn * self.period[at]
             other[at] = turned - self.period[at] * np.round(turned / self.period[at])
             yield other
 

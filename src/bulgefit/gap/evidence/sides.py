@@ -36,6 +36,8 @@ def best_side(
     """The side of x (n,) by a coordinate from which its governor takes off most, and how much.
 
     That is of |r|², by a linear step of the governor alone; nothing from where nothing balances.
+    Of eight sides: beside what makes up for half a turn, as a tilt does for a lift, what is seen of
+    one has the half of its period, and of four sides none may show it.
     """
 
     def taken(side: Floats) -> float:
@@ -46,6 +48,6 @@ def best_side(
         return max(slope, 0.0) ** 2 / curvature if curvature > 0.0 else 0.0
 
     with problem.remembering():
-        found = [(taken(side), side) for side in layout.sides(x, at)]
+        found = [(taken(side), side) for side in layout.sides(x, at, range(8))]
     most, side = max(found, key=lambda f: f[0])
     return side, most
