@@ -382,3 +382,16 @@ def test_figures_and_table():
     assert "1/2 = 50.0 %" in text
     assert "largest missed" in text
     assert report(score([record((), "none")])).startswith("1 made tests")
+
+
+def test_a_set_is_sure_though_none_of_it_is():
+    """Alternatives are told where they make a sure set; without any, 0.62 is open."""
+    pair = cause("frame_misalignment", "rigid_motion", probability=0.62)
+    alone = cause("frame_misalignment", probability=0.62)
+    known = cause("clamp_slip", probability=0.999)
+    truth = ("frame_misalignment", "clamp_slip")
+    assert is_right(record(truth, "ambiguous", pair, known))
+    assert not is_right(record(truth, "ambiguous", alone, known))
+    # a set of which none is there is false
+    assert not is_right(record(("clamp_slip",), "ambiguous", pair, known))
+    assert is_right(record(("clamp_slip",), "ambiguous", alone, known))

@@ -102,9 +102,12 @@ def _at_another(record: Record, cause: Mapping[str, Any]) -> bool:
 
 
 def is_sure(told: Mapping[str, Any]) -> bool:
-    """Whether a cause or a field is said to be there; one without a probability is."""
+    """Whether a cause or a field is said to be there, or that it or one of its alternatives is.
+
+    Alternatives are told where all of them together are sure. One without a probability is sure.
+    """
     probability = told.get("probability")
-    return probability is None or bool(probability >= SURE)
+    return probability is None or bool(probability >= SURE or told.get("alternatives"))
 
 
 def names_of(cause: Mapping[str, Any]) -> set[str]:
