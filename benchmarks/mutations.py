@@ -382,12 +382,7 @@ MUTANTS = (
     ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
     Mutant("gap/evidence/improve.py", " or _uncovered(search, fit, around)", "", EVIDENCE),
-    Mutant(
-        "gap/evidence/improve.py",
-        "replace(search, fits={}).fit(whole",
-        "search.fit(whole",
-        EVIDENCE,
-    ),
+    Mutant("gap/evidence/improve.py", "replace(search, fits={}).fit", "search.fit", EVIDENCE),
     Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),
     Mutant("gap/evidence/closely.py", "turning or not foreseen", "turning", EVIDENCE),
     Mutant("gap/evidence/descend.py", "share = promised / last", "share = 1.0", EVIDENCE),
