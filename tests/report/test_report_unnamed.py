@@ -117,6 +117,12 @@ def test_curves_have_the_band_that_holds_95_per_cent(record):
     assert chart(record, "coupling_field") is None
 
 
+def test_at_one_pressure_there_is_no_curve(record):
+    (found,) = (deepcopy(f) for f in record["fields"] if f["field"] == "pressure_field")
+    found["map"]["pressure_bar"] = [2.5, 2.5, 2.5]
+    assert field_chart(found, [100.0, 100.0]) is None
+
+
 def test_a_page_tells_every_field_and_the_verdict_the_first(record, unnamed):
     html = page_html(record, unnamed.tests)
     assert "What has no name" in html

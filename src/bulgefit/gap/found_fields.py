@@ -46,12 +46,13 @@ def field_found(
     columns = {key: column for column, key in enumerate(final.columns)}
     freed = [key in columns for key in values]
     ours = [columns[key] for key in values if key in columns]
-    variance = np.zeros_like(at(own).values)
+    here = at(own)
+    variance = np.zeros_like(here.values)
     for step in _one_error(final.covariance[np.ix_(ours, ours)]):
         away = np.zeros_like(own)
         away[freed] = step
         variance += (0.5 * (at(own + away).values - at(own - away).values)) ** 2
-    return FoundField(group, at(own), np.sqrt(variance), Level.of(kind, values))
+    return FoundField(group, here, np.sqrt(variance), Level.of(kind, values))
 
 
 def _one_error(covariance: Floats) -> Floats:

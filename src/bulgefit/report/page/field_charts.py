@@ -54,7 +54,7 @@ def field_chart(found: Mapping[str, Any], semi_axes: Sequence[float]) -> dict[st
     if "x_mm" in told:
         return {"title": title, "disc": _disc(found, value, stderr, np.array(semi_axes))}
     axis = next((name for name in _AXES if name in told), None)
-    if axis is None or len(value) < _FEWEST:
+    if axis is None or len({*told[axis]}) < _FEWEST:  # a test may hold one pressure
         return None
     return {"title": title, "curve": _curve(axis, told, value, stderr)}
 
@@ -110,7 +110,7 @@ def _curve(axis: str, told: Mapping[str, Any], value: Floats, stderr: Floats) ->
     high = max(high, low + _NOTHING, 0.0)
 
     def points(x: Floats, y: Floats) -> list[str]:
-        across = _WIDTH * (x - left) / max(right - left, _NOTHING)
+        across = _WIDTH * (x - left) / (right - left)
         down = _HEIGHT * (high - y) / (high - low)
         return [f"{a:.1f},{d:.1f}" for a, d in zip(across, down, strict=True)]
 

@@ -9,7 +9,7 @@ from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.record import Record
 from bulgefit.report.words.names import chance_text, of_whom
 
-__all__ = ["FIELD_COLUMNS", "field_items", "field_row", "unnamed_words", "where_text"]
+__all__ = ["FIELD_COLUMNS", "field_items", "field_row", "unnamed_words"]
 
 #: Fields that a sentence takes; of more it tells the first.
 _IN_A_SENTENCE = 3
@@ -37,7 +37,7 @@ def field_items(record: Record) -> list[str]:
         return []
     return [
         f"{f['field']}{of_whom(record, f)} ({f['place']}; probability {_chance(f)}): "
-        f"{f['quantity']}, {_size(f)} at {where_text(f['where'])}, {_whole(f)} on the whole."
+        f"{f['quantity']}, {_size(f)} at {_where(f['where'])}, {_whole(f)} on the whole."
         for f in found
     ]
 
@@ -48,13 +48,13 @@ def field_row(found: Mapping[str, Any]) -> tuple[str, ...]:
         f"{found['place']} ({found['field']})",
         str(found["quantity"]),
         _size(found),
-        where_text(found["where"]),
+        _where(found["where"]),
         _whole(found),
         _chance(found),
     )
 
 
-def where_text(where: Mapping[str, float]) -> str:
+def _where(where: Mapping[str, float]) -> str:
     """Where a field is largest."""
     if "x_mm" in where:
         x, y = (round(where[axis]) for axis in ("x_mm", "y_mm"))
@@ -75,7 +75,7 @@ def _place(record: Record, found: Mapping[str, Any]) -> str:
     """Where a field sits, of which test, and how large it is."""
     return (
         f"the place {found['place']!r}{of_whom(record, found)} ({found['quantity']}: "
-        f"up to {found['largest']:+.3g}{_unit(found)} at {where_text(found['where'])}, "
+        f"up to {found['largest']:+.3g}{_unit(found)} at {_where(found['where'])}, "
         f"{_whole(found)} on the whole)"
     )
 
