@@ -7,6 +7,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -89,6 +90,31 @@ def test_what_does_not_fit_its_checksum_is_done_again(begun: Path) -> None:
         rest = Tasks()
         run(begun, rest, resume=True)
         assert rest.done == [3, 4, 5]
+
+
+@pytest.mark.parametrize("written", [0, 20, 500])
+def test_what_was_killed_while_it_was_written_is_done_again(begun: Path, written: int) -> None:
+    """Its head is written last: what stands there until then is the head of nothing."""
+    whole = run(begun.with_name("whole"), Tasks())
+    with begun.open("ab") as file:
+        file.write(bytes(56) + b"x" * written)
+    rest = Tasks()
+    assert bits(run(begun, rest, resume=True)) == bits(whole)
+    assert rest.done == [4, 5]
+
+
+def test_a_result_goes_to_the_disk_without_a_copy_of_it(path: Path) -> None:
+    result = [np.ones(300_000) for _ in range(4)]
+    with journaled(path, ASKED) as journal:
+        tracemalloc.start()
+        try:
+            kept(lambda: result)
+            most = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        ((_, again),) = journal.known(1)
+    np.testing.assert_array_equal(again, result)
+    assert most < 0.1 * sum(array.nbytes for array in result)
 
 
 def test_a_journal_is_not_begun_anew_unasked(begun: Path) -> None:

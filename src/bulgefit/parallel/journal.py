@@ -100,22 +100,30 @@ class Journal:
 
     def keep(self, call: int, index: int, result: Any) -> None:
         """Write the result of one piece, and wait until it is on the disk."""
-        place = self._append(_packed(call, index, pickle.dumps(result, protocol=5)))
+        place = self._append(call, index, lambda file: pickle.dump(result, file, protocol=5))
         if place is not None:
             self._places.setdefault(call, {})[index] = place
 
     def note(self, outputs: Iterable[str]) -> None:
         """Write which files the run writes, but for those that are known."""
         if new := sorted({*outputs} - self._outputs):
-            self._append(_packed(*_OUTPUTS, json.dumps(new).encode()))
+            self._append(*_OUTPUTS, lambda file: file.write(json.dumps(new).encode()))
 
-    def _append(self, record: bytes) -> int | None:
-        """Where a record stands once it is on the disk; None where it cannot be written."""
+    def _append(self, call: int, index: int, write: Callable[[_Summed], object]) -> int | None:
+        """Where a record stands once it is on the disk; None where it cannot be written.
+
+        Its content goes there as it is made: as a whole it would be in memory beside the result.
+        Until its head is written it has one that fits no content.
+        """
         if not self._writes:
             return None
         place = self._file.seek(0, os.SEEK_END)
         try:
-            self._file.write(record)
+            self._file.write(bytes(_HEAD.size))
+            content = _Summed(self._file)
+            write(content)
+            self._file.seek(place)
+            self._file.write(_HEAD.pack(call, index, content.length, content.sha256.digest()))
             self._file.flush()
             os.fsync(self._file.fileno())
         except OSError as error:
@@ -269,12 +277,9 @@ def outputs_of(path: str | os.PathLike[str]) -> frozenset[str]:
 
 
 def _begin(place: Path, asked: Mapping[str, Any], force: bool) -> None:
-    atomic_write_bytes(place, _MAGIC + _packed(*_ASKED, json.dumps(asked).encode()), force)
-
-
-def _packed(call: int, index: int, content: bytes) -> bytes:
-    """A record."""
-    return _HEAD.pack(call, index, len(content), hashlib.sha256(content).digest()) + content
+    content = json.dumps(asked).encode()
+    head = _HEAD.pack(*_ASKED, len(content), hashlib.sha256(content).digest())
+    atomic_write_bytes(place, _MAGIC + head + content, force)
 
 
 def _locked(place: Path) -> BinaryIO:
@@ -360,6 +365,21 @@ def _opened(content: bytes, path: Path) -> Any:
 def _named(found: type) -> bool:
     """Whether it is a tuple with named fields, such as the keys of what a diagnosis found."""
     return issubclass(found, tuple) and hasattr(found, "_fields")
+
+
+class _Summed:
+    """The content of a record on its way into the file: its length and checksum so far."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.length, self.sha256 = 0, hashlib.sha256()
+
+    def write(self, part: bytes | memoryview) -> int:
+        """Write what comes next."""
+        self._file.write(part)
+        self.length += memoryview(part).nbytes
+        self.sha256.update(part)
+        return memoryview(part).nbytes
 
 
 class _Reader(pickle.Unpickler):
