@@ -1102,6 +1102,32 @@ def test_a_lift_is_no_tilt_and_a_lift_on_the_other_side():
     assert best.x[:3] == pytest.approx([0.8, 2.9, 0.03], abs=0.02)
 
 
+def fixed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rim that lifts on one side (three) in a fixture that tilts (two), less by a bend (one)."""
+    load = np.repeat([0.5, 1.0, 2.0, 3.0], 40)
+    value, columns = lifted(np.array([*x[:3], 0.0, 0.0]))
+    tilt = columns[:, 3:] * (1.0 - x[5] * load[:, None])
+    bent = -columns[:, 3:] @ x[3:5] * load
+    return value + tilt @ x[3:5], np.column_stack([columns[:, :3], tilt, bent])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_right_side_counts_even_where_it_leaves_a_little_more(seed: int) -> None:
+    """A tilt that bends as the lift does makes up for the wrong side, and has more to fit with."""
+    lift = lifts([0.0] * 5).groups[0]
+    tilt = group("tilt", [1.0, 1.0, 0.1])
+    truth = np.array([0.8, 2.9, 0.03, 0.0, 0.0, 0.0])
+    noise = np.random.default_rng(seed).normal(size=160)
+    search = searched(Known([lift, tilt], fixed(truth)[0] + noise, fixed))
+    trap = np.array([0.8, 2.9 - np.pi, 0.03, 0.8 * np.cos(2.9), 0.8 * np.sin(2.9), 0.03])
+    fit = search.fit(freeze({"lift": 1, "tilt": 0}), trap)
+    assert np.cos(fit.x[1] - 2.9) < -0.99
+    best = improved(search, fit)
+    assert best.model == freeze({"lift": 1})
+    assert best.x[[0, 2]] == pytest.approx([0.8, 0.03], abs=0.02)
+    assert np.cos(best.x[1] - 2.9) > 0.999
+
+
 def rippled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `lifted`, and a rim that rises by orders 0, 2 and 4 in proportion to the load (five)."""
     angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))

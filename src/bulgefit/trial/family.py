@@ -1,5 +1,8 @@
 """Families: three tests of one cloth, each with a shape, a slack and a motion of its own.
 
+Half of them have more: up to two further effects of each specimen, as measured tests of one cloth
+have, of which one alone lifted off its clamp.
+
 The law is the cloth's. A specimen's moduli are the cloth's times a factor along warp and one
 along fill, as nominally equal pieces of fabric have them.
 """
@@ -16,6 +19,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
+from bulgefit.trial.known import KNOWN, NOT_TOGETHER, SILENT
 from bulgefit.trial.make import audible, noise_size, truth_of, until_stable
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_each
@@ -30,6 +34,8 @@ SPECIMENS = 3
 STRAINS = (0.01, 0.02, 0.03, 0.05)
 #: Motions of which each specimen has one.
 _MOTIONS = ("rigid_motion", "fixture_motion")
+#: Most of what a specimen has beside these, and what is no specimen's own but the cloth's.
+_FURTHER, _OF_CLOTH = 2, ("nonlinear_material", "creep")
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def make_family(
     rng = default_rng(seed)
     cloth = _cloth(rng)
     factors = _factors(cloth.scatter, rng)
-    drawn = [_specimen(cloth, pair, rng, recipe.shrink) for pair in factors]
+    most = _FURTHER if rng.random() < 0.5 else 0
+    drawn = [_specimen(cloth, pair, rng, recipe.shrink, most) for pair in factors]
     with one_blas_thread():
         if recipe.audible:
             drawn = [audible(one, rng.spawn(1)[0], recipe) for one in drawn]
@@ -149,8 +156,10 @@ def _factors(scatter: float, rng: Generator) -> Floats:
     return np.exp(centred / np.sqrt(1.0 - 1.0 / SPECIMENS))
 
 
-def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float) -> Draw:
-    own = "initial_shape", "prestrain", _MOTIONS[int(rng.integers(len(_MOTIONS)))]
+def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float, most: int) -> Draw:
+    motion = _MOTIONS[int(rng.integers(len(_MOTIONS)))]
+    own: tuple[str, ...] = "initial_shape", "prestrain", motion
+    own += _further(own, int(rng.integers(most + 1)), rng)
     drawn = draw_sizes(own, rng, shrink)
     moduli = {
         "E1": cloth.moduli["E1"] * float(factors[0]),
@@ -161,6 +170,15 @@ def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float) -> D
     # the law has no share: it is the cloth's, and no specimen's own to enlarge
     parameters = {**cloth.law, **drawn.parameters}
     return replace(drawn, effects=(*shared, *own), parameters=parameters, moduli=moduli)
+
+
+def _further(own: tuple[str, ...], number: int, rng: Generator) -> tuple[str, ...]:
+    """So many more effects of a specimen, of those that some test can tell apart beside its own."""
+    names = [n for n in KNOWN if n not in (*own, *SILENT, *_OF_CLOTH)]
+    while True:
+        more = tuple(names[int(i)] for i in rng.choice(len(names), size=number, replace=False))
+        if not any(pair <= {*own, *more} for pair in NOT_TOGETHER):
+            return more
 
 
 def _firmer(drawn: list[Draw], rng: Generator) -> list[Draw]:

@@ -209,9 +209,10 @@ def _turned(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
         whole = search.layout.whole([name]) | {(n, f) for n, f in fit.model if n != name}
         hope = search.hoped(fit, whole, around)
         for start in search.layout.sides(fit.x, at, (4, 2, 6)):
-            # what it does from there, be it no better than from where it was fitted before
+            # what it does from there, be it no better than from where it was fitted before: noise
+            # decides which of two sides leaves less, and the right one needs fewer groups beside
             found = replace(search, fits={}).fit(whole, start, hope=hope)
-            if found is not None and found.here.square <= fit.here.square:
+            if found is not None and promise(search, found) < fit.score:
                 better = _rid(search, found)
                 if better.score < fit.score:
                     search.take(better)
