@@ -305,7 +305,7 @@ def _field_rows(record: Mapping[str, Any]) -> list[list[str]]:
             field["field"],
             _test(field["specimen"]),
             f"{field['probability']:.3f}",
-            f"{field['largest']:.3g} {field['unit']}".removesuffix(" 1"),
+            f"{field['largest']:.3g} ± {field['stderr']:.1g} {field['unit']}".removesuffix(" 1"),
             ", ".join(f"{name} {value:.3g}" for name, value in field["where"].items()),
         ]
         for field in record["fields"]

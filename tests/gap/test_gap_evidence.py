@@ -23,7 +23,7 @@ from bulgefit.gap.evidence.closely import closely
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.forecast import Forecast
 from bulgefit.gap.evidence.hidden import handed_over
-from bulgefit.gap.evidence.improve import _of_each_specimen, improved, promise
+from bulgefit.gap.evidence.improve import _of_each_specimen, _thinned, improved, promise
 from bulgefit.gap.evidence.laplace import bounded_optimum, laplace, quadratic
 from bulgefit.gap.evidence.neighbours import smaller
 from bulgefit.gap.evidence.orthant import _cut, log_share_above
@@ -707,11 +707,12 @@ def test_groups_that_hardly_count_are_not_sure_for_being_many():
         assert found.groups[owned(f"g{i}")] == pytest.approx(exact, abs=0.01)
 
 
-def test_elimination_alone_is_trapped_where_growth_is_not():
+def test_what_elimination_takes_out_first_comes_back_in_the_place_of_several():
     """Truth in a wide group, which five narrow ones together imitate.
 
     Each of them costs less evidence than the wide one, so elimination takes that out first; then
-    none of the others can go, nor be swapped for it. All of them together cost more.
+    none of the others can go, nor be swapped for it. All of them together cost more. Growth from
+    nothing finds it at once.
     """
     rng = np.random.default_rng(5)
     base, _ = np.linalg.qr(rng.normal(size=(50, 5)))
@@ -722,11 +723,12 @@ def test_elimination_alone_is_trapped_where_growth_is_not():
     search = searched(problem)
     whole = search.fit(search.layout.whole(), np.zeros(6))
     assert whole is not None
-    stuck = improved(search, whole)
+    stuck = _thinned(search, whole)
     assert dict(stuck.model).keys() == {owned(f"n{i}") for i in range(5)}
-    best = explore(searched(problem), np.zeros(6))
-    assert best.model == freeze({"wide": 0})
-    assert best.score < stuck.score - 5.0
+    assert min(fit.score for fit in search.fits.values()) == stuck.score
+    for best in (improved(search, stuck), explore(searched(problem), np.zeros(6))):
+        assert best.model == freeze({"wide": 0})
+        assert best.score < stuck.score - 5.0
 
 
 def test_where_was_looked_around_is_known():
@@ -954,6 +956,34 @@ def test_several_effects_that_stand_for_a_field_are_let_go():
     assert search.fit(search.layout.whole(), np.zeros(5)) is not None
     ways.from_fields()
     assert search.best.model == freeze({"f": 0})
+
+
+def test_several_groups_give_way_to_a_larger_form_of_one():
+    """Beside both the larger form is not worth its cost, and none of them can go before it is there.
+
+    What would be let go first, by the forecast, is what has come.
+    """
+    rng = np.random.default_rng(3)
+    base, _ = np.linalg.qr(rng.normal(size=(60, 6)))
+    third, mixed, more = base[:, 3:].T
+    # both of them together do what the third one of the larger form does, and a little more
+    rows = np.column_stack([base[:, :4], third + mixed, third - mixed + 0.12 * more])
+    measured = rows @ [200.0, 0.0, 0.0, 120.0, 0.0, 0.0] + rng.normal(size=60)
+    groups = [
+        group("shape", [1e4] * 4, forms=((0,), (0, 1, 2, 3))),
+        group("scale", [60.0]),
+        group("lens", [60.0]),
+    ]
+    search = searched(linear(groups, rows, measured))
+    trap = search.fit(freeze({"shape": 0, "scale": 0, "lens": 0}), np.zeros(6))
+    right = freeze({"shape": 1})
+    forecast = search.forecasts(search.around(trap), trap.model)
+    beside = right | freeze({"scale": 0, "lens": 0})
+    assert forecast(beside) > trap.score  # as an addition it is not worth it,
+    for one, other in (("scale", "lens"), ("lens", "scale")):
+        assert forecast(freeze({"shape": 0, one: 0})) > trap.score  # nor can one of the others go,
+        assert forecast(right | freeze({other: 0})) > trap.score  # also not for it
+    assert improved(search, trap).model == right
 
 
 def test_a_way_from_a_field_keeps_it():

@@ -94,8 +94,7 @@ def sure(effect, probability, **more):
         (record(SLIP, "named", sure("clamp_slip", 0.94)), False),
         (record(SLIP, "named", sure("clamp_slip", 0.95), sure("prestrain", 0.96)), False),
         (record(SLIP, "partial", SLIP), False),
-        # specimens have causes of their own
-        (record(PRE, "named", sure("prestrain", 1.0), sure("prestrain", 1.0)), True),
+        (record(PRE, "named", sure("prestrain", 1.0), sure("prestrain", 1.0)), False),
         # a foreign effect, alone and beside others
         (foreign((), "unknown"), True),
         (foreign((), "partial"), True),
@@ -144,18 +143,52 @@ def test_causes_are_counted_one_by_one():
     assert "pressure_gain" not in causes["by_effect"]
 
 
-@pytest.mark.parametrize(("specimen", "right"), [(None, True), (0, True), (1, False), (2, True)])
-def test_a_cause_of_another_specimen_is_false(specimen, right):
-    made = record(SLIP + PRE, "named", SLIP, sure("prestrain", 1.0, specimen=0), kind="family")
+def family(*told):
+    """Two specimens of a nonlinear cloth: one slips and is slack, the other slips."""
+    law = ("nonlinear_material",)
+    made = record(("nonlinear_material", *SLIP, *PRE), "named", *told, kind="family")
     made["truth"]["specimens"] = [
-        {"name": "a", "effects": ["clamp_slip", "prestrain"]},
-        {"name": "b", "effects": ["clamp_slip"]},
+        {"name": "a", "effects": [*law, *SLIP, *PRE]},
+        {"name": "b", "effects": [*law, *SLIP]},
     ]
-    made["answer"]["causes"].append(sure("prestrain", 1.0, specimen=specimen))
+    return made
+
+
+LAW = sure("nonlinear_material", 1.0, specimen=None)
+OWN = tuple(sure("clamp_slip", 1.0, specimen=number) for number in (0, 1))
+SLACK = sure("prestrain", 1.0, specimen=0)
+PAIRS = tuple(
+    cause(one, "prestrain", probability=0.8, specimen=0) for one in ("pressure_offset", "dic_scale")
+)
+
+
+@pytest.mark.parametrize(
+    ("told", "right", "found", "false"),
+    [
+        ((LAW, *OWN, SLACK), True, 4, 0),
+        # of another specimen, of one that is none, of the cloth
+        ((LAW, *OWN, SLACK, sure("prestrain", 1.0, specimen=1)), False, 4, 1),
+        ((LAW, *OWN, sure("prestrain", 1.0, specimen=1)), False, 3, 1),
+        ((LAW, *OWN, sure("prestrain", 1.0, specimen=2)), False, 3, 1),
+        ((LAW, *OWN, sure("prestrain", 1.0, specimen=None)), False, 3, 1),
+        # one specimen's is missing
+        ((LAW, OWN[0], SLACK), False, 3, 0),
+        # in a set of two
+        ((LAW, *OWN, PAIRS[0]), True, 4, 0),
+        ((LAW, *OWN, SLACK, PAIRS[1]), False, 4, 1),
+    ],
+)
+def test_specimens_have_causes_of_their_own(told, right, found, false):
+    made = family(*told)
     assert is_right(made) is right
     causes = score([made])["causes"]
-    assert (causes["false"]["hits"], causes["false"]["of"]) == ((0, 2) if right else (1, 3))
-    assert causes["found"]["hits"] == 2
+    assert (causes["found"]["hits"], causes["found"]["of"]) == (found, 4)
+    assert (causes["false"]["hits"], causes["false"]["of"]) == (false, len(told))
+    assert causes["by_effect"]["clamp_slip"]["of"] == 2
+    there = [True] * (len(told) - false) + [False] * false
+    # beside one that is there, what may be it is there as well
+    doubled = false and told[-1]["effect"] == "dic_scale"
+    assert [true for _, true in stated_causes([made])].count(True) == there.count(True) + doubled
 
 
 def test_causes_are_told_by_their_size():

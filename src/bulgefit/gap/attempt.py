@@ -79,6 +79,12 @@ class Attempt:
         return not structure(self.data, self.seen).significant
 
     @property
+    def has_unnamed(self) -> bool:
+        """Whether the best model has fields, or offsets beside it."""
+        best, offsets = self.search.best, self.search.problem.offsets
+        return offsets is not None or any(is_field(name) for name, _ in best.model)
+
+    @property
     def offsets(self) -> list[Creases] | None:
         """What the points show in all frames beyond the best model, and the noise."""
         return _offsets(self.data, self.seen)

@@ -164,7 +164,7 @@ def _searched(
     found, worth, enough = _begun(
         Attempt.of(weighing, layout, rough, origin, say), pace, thorough=thorough
     )
-    pace.begins(Stage.UNITS)
+    pace.begins(Stage.UNNAMED if found.has_unnamed else Stage.UNITS)
     for settle in (Attempt.finished,) if enough else (Attempt.thinned, Attempt.settled):
         say("units anew")
         for index, p in enumerate(prepared):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
-from bulgefit.trial.known import KNOWN, NOT_TOGETHER, SILENT
+from bulgefit.trial.known import KNOWN, NOT_TOGETHER, OF_CLOTH, SILENT
 from bulgefit.trial.make import audible, noise_size, truth_of, until_stable
 from bulgefit.trial.recording import Recipe, has_clock, place, record
 from bulgefit.trial.signature import noise_free, of_each
@@ -34,8 +34,8 @@ SPECIMENS = 3
 STRAINS = (0.01, 0.02, 0.03, 0.05)
 #: Motions of which each specimen has one.
 _MOTIONS = ("rigid_motion", "fixture_motion")
-#: Most of what a specimen has beside these, and what is no specimen's own but the cloth's.
-_FURTHER, _OF_CLOTH = 2, ("nonlinear_material", "creep")
+#: Most of what a specimen has beside these.
+_FURTHER = 2
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float, most
 
 def _further(own: tuple[str, ...], number: int, rng: Generator) -> tuple[str, ...]:
     """So many more effects of a specimen, of those that some test can tell apart beside its own."""
-    names = [n for n in KNOWN if n not in (*own, *SILENT, *_OF_CLOTH)]
+    names = [n for n in KNOWN if n not in (*own, *SILENT, *OF_CLOTH)]
     while True:
         more = tuple(names[int(i)] for i in rng.choice(len(names), size=number, replace=False))
         if not any(pair <= {*own, *more} for pair in NOT_TOGETHER):

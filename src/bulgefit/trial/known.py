@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from bulgefit.trial.dice import Sizes, either, motion, plane, size, vector
 
-__all__ = ["FORMS", "KNOWN", "NOT_TOGETHER", "SILENT"]
+__all__ = ["FORMS", "KNOWN", "NOT_TOGETHER", "OF_CLOTH", "SILENT"]
 
 #: Pairs that no test tells apart: never drawn together.
 NOT_TOGETHER = (
@@ -19,6 +19,8 @@ NOT_TOGETHER = (
 #: Effects that no test, or next to none, can show beside the moduli: never drawn beside others, and
 #: silence about them is right.
 SILENT = ("pressure_gain", "poisson_ratio")
+#: Effects that specimens of one cloth share.
+OF_CLOTH = ("nonlinear_material", "creep")
 
 
 def _initial_shape(rng: Generator) -> dict[str, float]:

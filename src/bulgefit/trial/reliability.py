@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
-from bulgefit.trial.right import Record, at_a_foreign_place, names_of
+from bulgefit.trial.right import Record, at_a_foreign_place, is_there, true_causes
 from bulgefit.trial.shares import share
 
 __all__ = ["reliability", "stated_causes", "stated_fields"]
@@ -22,8 +22,9 @@ def stated_causes(records: Iterable[Record]) -> list[tuple[float, bool]]:
     """
     told = []
     for record in records:
+        true = true_causes(record)
         for cause in record["answer"].get("causes", ()):
-            there = bool(names_of(cause) & {*record["truth"]["effects"]})
+            there = any(is_there(cause, one) for one in true)
             if cause.get("probability") is not None and (
                 there or not at_a_foreign_place(record, cause)
             ):

@@ -14,23 +14,28 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from bulgefit.trial.known import SILENT
+from bulgefit.trial.known import OF_CLOTH, SILENT
 
 __all__ = [
     "SAME_AS",
     "SURE",
     "Record",
+    "TrueCause",
     "at_a_foreign_place",
     "false_causes",
-    "found_effects",
+    "found_causes",
     "is_right",
     "is_sure",
+    "is_there",
     "names_of",
     "standing_in",
     "sure_causes",
+    "true_causes",
 ]
 
 Record = Mapping[str, Any]
+#: An effect, and the specimen of a family whose own it is: None of a test alone, or of the cloth.
+TrueCause = tuple[str, int | None]
 
 #: What may stand for an effect that is struck from the catalogue, since data of this kind cannot
 #: tell them apart or one is nearly a special case of the other.
@@ -59,19 +64,19 @@ def is_right(record: Record) -> bool:
     indistinguishable from it.
     """
     truth, verdict = record["truth"], record["answer"].get("verdict")
-    loud = [e for e in _catalogued(truth) if e not in SILENT]
+    loud = [cause for cause in true_causes(record) if cause[0] not in SILENT]
     if truth["kind"] == "foreign":
-        return verdict in _OPEN and {*loud} <= found_effects(record) and not false_causes(record)
+        return verdict in _OPEN and {*loud} <= found_causes(record) and not false_causes(record)
     if not loud and verdict == "none":
         return True
     struck = [e for e in truth["effects"] if e in record["struck"]]
     if struck:
-        others = [same for e in struck for same in SAME_AS.get(e, ())]
+        others = [(same, None) for e in struck for same in SAME_AS.get(e, ())]
         return bool(verdict == "unknown" or (others and _named(others, others, record)))
-    return _named(loud, truth["effects"], record)
+    return _named(loud, true_causes(record), record)
 
 
-def _named(needed: Sequence[str], allowed: Sequence[str], record: Record) -> bool:
+def _named(needed: Sequence[TrueCause], allowed: Sequence[TrueCause], record: Record) -> bool:
     """Whether everything is named that must be, and nothing that may not."""
     return (
         record["answer"].get("verdict") in ("named", "ambiguous")
@@ -81,24 +86,27 @@ def _named(needed: Sequence[str], allowed: Sequence[str], record: Record) -> boo
     )
 
 
-def sure_causes(record: Record) -> list[Mapping[str, Any]]:
-    """Causes that are said to be there, each set of effects once.
+def true_causes(record: Record) -> list[TrueCause]:
+    """Effects of the catalogue that are there; older truths have no places but one effect alone."""
+    truth = record["truth"]
+    strangers = truth.get("places", truth["effects"] if truth["kind"] == "foreign" else ())
+    if "specimens" not in truth:
+        return [(effect, None) for effect in truth["effects"] if effect not in strangers]
+    shared: list[TrueCause] = [(e, None) for e in truth["effects"] if e in OF_CLOTH]
+    return shared + [
+        (effect, number)
+        for number, specimen in enumerate(truth["specimens"])
+        for effect in specimen["effects"]
+        if effect not in OF_CLOTH
+    ]
 
-    Specimens of a family have causes of their own, which count as one where they are right.
-    """
+
+def sure_causes(record: Record) -> list[Mapping[str, Any]]:
+    """Causes that are said to be there."""
     answer = record["answer"]
     if answer.get("verdict") not in _MEANT:
         return []
-    sure = [cause for cause in answer.get("causes", ()) if is_sure(cause)]
-    return list({(frozenset(names_of(c)), _at_another(record, c)): c for c in sure}.values())
-
-
-def _at_another(record: Record, cause: Mapping[str, Any]) -> bool:
-    """Whether a cause is said of a specimen of a family that does not have it."""
-    return any(
-        cause.get("specimen") == number and not names_of(cause) & {*specimen["effects"]}
-        for number, specimen in enumerate(record["truth"].get("specimens", ()))
-    )
+    return [cause for cause in answer.get("causes", ()) if is_sure(cause)]
 
 
 def is_sure(told: Mapping[str, Any]) -> bool:
@@ -115,14 +123,19 @@ def names_of(cause: Mapping[str, Any]) -> set[str]:
     return {cause["effect"], *cause.get("alternatives", ())}
 
 
-def found_effects(record: Record) -> set[str]:
-    """Effects of the catalogue that have a sure cause of their own, alone or in a set of two."""
-    return _found(_catalogued(record["truth"]), record)
+def is_there(cause: Mapping[str, Any], of: TrueCause) -> bool:
+    """Whether a cause, or what cannot be told from it, is one of those that are there."""
+    return of[0] in names_of(cause) and of[1] == cause.get("specimen")
+
+
+def found_causes(record: Record) -> set[TrueCause]:
+    """Those of the catalogue that have a sure cause of their own, alone or in a set of two."""
+    return _found(true_causes(record), record)
 
 
 def false_causes(record: Record) -> list[Mapping[str, Any]]:
     """Sure causes that are not there, but for those that stand in for a foreign effect."""
-    left = _unmatched(record["truth"]["effects"], record)
+    left = _unmatched(true_causes(record), record)
     return [cause for cause in left if not at_a_foreign_place(record, cause)]
 
 
@@ -132,7 +145,7 @@ def standing_in(record: Record) -> list[Mapping[str, Any]]:
     A place's catalogue effects are directions of what may be wrong there; a foreign effect has a
     part along them.
     """
-    left = _unmatched(record["truth"]["effects"], record)
+    left = _unmatched(true_causes(record), record)
     return [cause for cause in left if at_a_foreign_place(record, cause)]
 
 
@@ -141,31 +154,22 @@ def at_a_foreign_place(record: Record, cause: Mapping[str, Any]) -> bool:
     return cause.get("place") in record["truth"].get("places", {}).values()
 
 
-def _catalogued(truth: Mapping[str, Any]) -> list[str]:
-    """True effects without the foreign ones; older truths have no places but one effect alone."""
-    strangers = truth.get("places", truth["effects"] if truth["kind"] == "foreign" else ())
-    return [effect for effect in truth["effects"] if effect not in strangers]
-
-
-def _found(effects: Sequence[str], record: Record) -> set[str]:
+def _found(causes: Sequence[TrueCause], record: Record) -> set[TrueCause]:
     small = [cause for cause in sure_causes(record) if len(names_of(cause)) <= LARGEST_SET]
-    matched = _matching(effects, small, record)
-    return {effect for effect, match in zip(effects, matched, strict=True) if match >= 0}
+    matched = _matching(causes, small)
+    return {true for true, match in zip(causes, matched, strict=True) if match >= 0}
 
 
-def _unmatched(effects: Sequence[str], record: Record) -> list[Mapping[str, Any]]:
-    """Sure causes that are no true effect's own."""
-    causes = sure_causes(record)
-    taken = {*_matching(effects, causes, record)}
-    return [cause for number, cause in enumerate(causes) if number not in taken]
+def _unmatched(causes: Sequence[TrueCause], record: Record) -> list[Mapping[str, Any]]:
+    """Sure causes that are none of those that are there."""
+    sure = sure_causes(record)
+    taken = {*_matching(causes, sure)}
+    return [cause for number, cause in enumerate(sure) if number not in taken]
 
 
-def _matching(
-    effects: Sequence[str], causes: Sequence[Mapping[str, Any]], record: Record
-) -> list[int]:
-    """Number of the cause that is meant for each effect, -1 for none: as many as can be."""
-    if not effects or not causes:
-        return [-1] * len(effects)
-    meant = [set() if _at_another(record, cause) else names_of(cause) for cause in causes]
-    fits = np.array([[effect in names for names in meant] for effect in effects])
+def _matching(causes: Sequence[TrueCause], told: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Number of what is told of each that is there, -1 for nothing: as many as can be."""
+    if not causes or not told:
+        return [-1] * len(causes)
+    fits = np.array([[is_there(one, cause) for one in told] for cause in causes])
     return [int(i) for i in maximum_bipartite_matching(csr_array(fits), perm_type="column")]

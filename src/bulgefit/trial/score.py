@@ -12,11 +12,12 @@ from bulgefit.trial.reliability import reliability, stated_causes, stated_fields
 from bulgefit.trial.right import (
     Record,
     false_causes,
-    found_effects,
+    found_causes,
     is_right,
     names_of,
     standing_in,
     sure_causes,
+    true_causes,
 )
 from bulgefit.trial.shares import share
 from bulgefit.trial.sizes import by_size, detectable, heldout
@@ -101,14 +102,13 @@ def _right_of(records: Sequence[Record], kind: str) -> dict[str, Any]:
 
 
 def _causes(records: Sequence[Record]) -> dict[str, Any]:
-    """Catalogue causes that were found, and sure causes that are not there."""
+    """Catalogue causes that were found, those of a family by specimen; sure ones not there."""
     by_effect: dict[str, list[bool]] = {}
     for record in records:
-        found = found_effects(record)
-        strangers = record["truth"].get("places", {})
-        for effect in record["truth"]["effects"]:
-            if effect not in strangers and effect not in SILENT:
-                by_effect.setdefault(effect, []).append(effect in found)
+        found = found_causes(record)
+        for cause in true_causes(record):
+            if cause[0] not in SILENT:
+                by_effect.setdefault(cause[0], []).append(cause in found)
     sure, false, standing = (
         sum(len(count(record)) for record in records)
         for count in (sure_causes, false_causes, standing_in)

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from bulgefit.trial.known import SILENT
-from bulgefit.trial.right import Record, found_effects
+from bulgefit.trial.right import Record, found_causes
 from bulgefit.trial.shares import share
 
 __all__ = ["by_size", "detectable", "heldout"]
@@ -37,13 +37,13 @@ def by_size(records: Sequence[Record]) -> list[dict[str, Any]]:
 def _sizes(records: Sequence[Record]) -> Iterator[tuple[float, bool]]:
     """Size over the noise of each catalogue cause, and whether it was found."""
     for record in records:
-        truth, found = record["truth"], found_effects(record)
+        truth, found = record["truth"], found_causes(record)
         for effect, worth in truth.get("signatures", {}).items():
             if effect in truth.get("places", {}) or effect in SILENT:
                 continue
             across, out = truth["noise_mm"]
             noise = (2 * across**2 + out**2) ** 0.5
-            yield worth["signature_left_mm"] / noise, effect in found
+            yield worth["signature_left_mm"] / noise, (effect, None) in found
 
 
 def detectable(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
@@ -57,7 +57,7 @@ def detectable(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
         if truth["kind"] == "one":
             (effect,) = truth["effects"]
             size = truth["signature_mm"], truth["signature_left_mm"]
-            found = effect in found_effects(record)
+            found = (effect, None) in found_causes(record)
             sizes.setdefault(effect, {True: [], False: []})[found].append(size)
     return {
         effect: {

@@ -174,15 +174,17 @@ def _renewed(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
 
 
 def _replaced(search: Search[Any], fit: Fit, around: Linearised) -> Fit | None:
-    """With one group in the place of several that stand for it.
+    """With one group, or a larger form of one, in the place of several that stand for it.
 
-    Beside them it gains nothing, and in the place of one of them it loses.
+    Beside them it gains nothing, and in the place of one of them it loses: that it is let go itself
+    would be the best of all drops.
     """
     forecast_of = search.forecasts(around, fit.model)
     found = dict[Model, float]()
     for grown in larger(search.layout, search.names, fit.model):
+        new = grown - fit.model
         model, score = grown, forecast_of(grown)
-        while options := [(forecast_of(m), m) for m in smaller(search.layout, model)]:
+        while options := [(forecast_of(m), m) for m in smaller(search.layout, model) if new <= m]:
             best = min(options, key=lambda o: o[0])
             if best[0] >= score:
                 break
