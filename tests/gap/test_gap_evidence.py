@@ -959,7 +959,7 @@ def test_several_effects_that_stand_for_a_field_are_let_go():
 
 
 def test_several_groups_give_way_to_a_larger_form_of_one():
-    """Beside both the larger form is not worth its cost, and none of them can go before it is there.
+    """Beside both the larger form is not worth its cost, and neither can go before it is there.
 
     What would be let go first, by the forecast, is what has come.
     """
