@@ -592,6 +592,19 @@ MUTANTS = (
         "> _TOLD * stderr] = 0",
         "report/test_report_unnamed.py",
     ),
+    Mutant(
+        "gap/evidence/improve.py",
+        "promise(search, found) < fit.score",
+        "found.here.square <= fit.here.square",
+        EVIDENCE,
+    ),
+    Mutant("gap/evidence/improve.py", " if new <= m]", "]", EVIDENCE),
+    Mutant(
+        "trial/right.py",
+        ' and of[1] == cause.get("specimen")',
+        "",
+        "trial/test_trial_scoring.py",
+    ),
 )
 
 
