@@ -26,6 +26,7 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared, correct_anew, fix_units
 from bulgefit.parallel.journal import kept
+from bulgefit.parallel.memory import give_back
 
 __all__ = ["Best", "most_probable"]
 
@@ -102,6 +103,7 @@ def most_probable(
         prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
     )
     found = search.best
+    give_back()  # what was taken for all fields at once: all points need as much again
     pace.begins(Stage.POINTS)
     say("the best model, by all points")
     for index, p in enumerate(prepared):
