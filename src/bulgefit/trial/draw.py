@@ -31,6 +31,7 @@ __all__ = [
     "firmer",
     "kind_of",
     "only",
+    "sheared",
     "without",
 ]
 
@@ -193,8 +194,12 @@ def enlarged(drawn: Draw, effect: str, by: float) -> Draw:
 
 def firmer(drawn: Draw, rng: Generator) -> Draw:
     """The same with more shear stiffness: soft shear makes the fabric unstable."""
-    shear = drawn.moduli["G12"] * float(rng.uniform(1.1, 1.4))
-    return replace(drawn, moduli={**drawn.moduli, "G12": shear})
+    return sheared(drawn, float(rng.uniform(1.1, 1.4)))
+
+
+def sheared(drawn: Draw, factor: float) -> Draw:
+    """The same with so many times the shear stiffness."""
+    return replace(drawn, moduli={**drawn.moduli, "G12": factor * drawn.moduli["G12"]})
 
 
 def only(drawn: Draw, effects: Sequence[str]) -> Draw:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.parallel.threads import one_blas_thread
-from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes
+from bulgefit.trial.draw import Draw, draw_moduli, draw_sizes, sheared
 from bulgefit.trial.known import KNOWN, NOT_TOGETHER, OF_CLOTH, SILENT
 from bulgefit.trial.make import audible, noise_size, truth_of, until_stable
 from bulgefit.trial.recording import Recipe, has_clock, place, record
@@ -184,4 +184,4 @@ def _further(own: tuple[str, ...], number: int, rng: Generator) -> tuple[str, ..
 def _firmer(drawn: list[Draw], rng: Generator) -> list[Draw]:
     """The same cloth with more shear stiffness."""
     factor = float(rng.uniform(1.1, 1.4))
-    return [replace(one, moduli={**one.moduli, "G12": factor * one.moduli["G12"]}) for one in drawn]
+    return [sheared(one, factor) for one in drawn]
