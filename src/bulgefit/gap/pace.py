@@ -19,8 +19,8 @@ class Stage(Enum):
 
     SEARCH = "models of what has a name"
     FIELDS = "beside fields, since that leaves more than noise"
-    UNITS = "units anew"
     UNNAMED = "units anew, beside what has no name"
+    UNITS = "units anew, beside nothing else"
     POINTS = "by all points"
     PARTS = "without each part"
     REST = "what follows from it"
@@ -36,8 +36,8 @@ class Stage(Enum):
 _AHEAD = {
     Stage.SEARCH: (0.8, 120.0),
     Stage.FIELDS: (0.7, 20.0),
-    Stage.UNITS: (0.4, 2.0),
     Stage.UNNAMED: (0.2, 10.0),
+    Stage.UNITS: (0.4, 2.0),
     Stage.POINTS: (0.01, 1.0),
     Stage.PARTS: (0.0, 0.9),
     Stage.REST: (0.0, 0.1),
