@@ -34,9 +34,8 @@ SPECIMENS = 3
 STRAINS = (0.01, 0.02, 0.03, 0.05)
 #: Motions of which each specimen has one.
 _MOTIONS = ("rigid_motion", "fixture_motion")
-#: Most of what a specimen has beside these, and what is not among it: beside the polynomials of a
-#: reference state no more than its square is seen of a dome, which every specimen has.
-_FURTHER, _HIDES_A_DOME = 2, ("reference_state",)
+#: Most of what a specimen has beside these.
+_FURTHER = 2
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float, most
 
 def _further(own: tuple[str, ...], number: int, rng: Generator) -> tuple[str, ...]:
     """So many more effects of a specimen, of those that some test can tell apart beside its own."""
-    names = [n for n in KNOWN if n not in (*own, *SILENT, *OF_CLOTH, *_HIDES_A_DOME)]
+    names = [n for n in KNOWN if n not in (*own, *SILENT, *OF_CLOTH)]
     while True:
         more = tuple(names[int(i)] for i in rng.choice(len(names), size=number, replace=False))
         if not any(pair <= {*own, *more} for pair in NOT_TOGETHER):
