@@ -61,6 +61,7 @@ CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
 WEIGHING = "gap/test_gap_weighing.py"
 FITS = "fitting/test_inverse_fit.py"
+FACE = "model/test_model_face.py"
 WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -101,6 +102,17 @@ MUTANTS = (
         '[1.0, 1.0 + own["scale_z"], 1.0]',
         SIGNS,
     ),
+    Mutant("effects/surface_offset.py", 'return own["share"]', 'return -own["share"]', SIGNS),
+    Mutant("model/face.py", "(normal - upright)", "(normal + upright)", FACE),
+    Mutant("model/face.py", "field - back[:, :1]", "field + back[:, :1]", FACE),
+    Mutant("model/face.py", "turned -= normal", "turned += normal", FACE),
+    Mutant(
+        "model/virtual_test.py",
+        "share * self.test.thickness",
+        "0.5 * share * self.test.thickness",
+        SIGNS,
+    ),
+    Mutant("trial/window.py", "total += above *", "total -= above *", TRIAL),
     Mutant("effects/lens_distortion.py", "square / radius**2", "square / radius", SIGNS),
     Mutant("effects/reference_state.py", "moved - flattened", "moved + flattened", SIGNS),
     Mutant("effects/frame_misalignment.py", "as_matrix().T", "as_matrix()", SIGNS),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -20,10 +22,10 @@ MODULI = {"E1": 330.0, "E2": 200.0, "G12": 20.0}
 SETUP = Setup(refine=2, tolerance=1e-6, correct_mesh=False)
 
 
-def of_points(points: np.ndarray, pressure: np.ndarray) -> VirtualTest:
+def of_points(points: np.ndarray, pressure: np.ndarray, setup: Setup = SETUP) -> VirtualTest:
     """The virtual twin of a test that was never made."""
     blank = np.zeros((len(pressure), len(points), 3))
-    return VirtualTest(BulgeTest.from_arrays(points, blank, pressure), SETUP)
+    return VirtualTest(BulgeTest.from_arrays(points, blank, pressure), setup)
 
 
 @pytest.fixture(scope="module")
@@ -239,6 +241,28 @@ def test_depth_scale_is_of_heights_alone(specimen: VirtualTest) -> None:
     plain = specimen.predict(MODULI).displacement
     found = specimen.predict({**MODULI, "depth_scale.scale_z": 0.02}).displacement
     np.testing.assert_allclose(found, plain * [1.0, 1.0, 1.02], atol=1e-12)
+
+
+def test_the_seen_face_moves_with_its_normal(specimen: VirtualTest) -> None:
+    """Along the normal of what the middle does about each point; before inflation it is flat."""
+    at, step = reference_of(specimen)[:, :2], 1.0
+    around = [at + step * np.array(d) for d in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+    points = np.column_stack([np.concatenate([at, *around]), np.zeros(5 * len(at))])
+    many = of_points(points, specimen.recorded, replace(SETUP, refine=4))
+    moved = many.predict(MODULI).displacement
+    _, east, west, north, south = np.split(points + moved, 5, axis=1)
+    normal = np.cross(east - west, north - south)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    share, here = 0.4, slice(len(at))
+    found = many.predict({**MODULI, "surface_offset.share": share}).displacement
+    expected = share * specimen.test.thickness * (normal - [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(found[:, here] - moved[:, here], expected, atol=5e-4)
+    # a cloth that bulges towards the cameras: its face goes outwards, and comes less far
+    change = found[:, here] - moved[:, here]
+    outwards = (change[..., :2] * at).sum(axis=-1) / np.hypot(*at.T)
+    assert (outwards[:, np.hypot(*at.T) > 20.0] > 0.0).all()
+    assert outwards.max() > 0.1
+    assert (change[..., 2] < 0.0).all()
 
 
 def test_dic_scale_is_of_places_too(specimen: VirtualTest) -> None:

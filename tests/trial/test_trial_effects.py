@@ -272,6 +272,37 @@ def test_depth_scale_stretches_heights_alone(setting):
     np.testing.assert_allclose(scaled, moved * [1.0, 1.0, 1.01], rtol=1e-12)
 
 
+@pytest.mark.parametrize("dome", [0.0, 6.0])
+def test_the_seen_face_stands_off_the_fabric(setting, dome):
+    """By half its thickness along the normal, which is found here from points a little apart.
+
+    Before inflation it is seen beside the fabric that it stands on, where that is a dome.
+    """
+    shape = {"initial_shape__h0": dome}
+    high, moved = noise_free(drawn(surface_offset__share=0.5, **shape), setting, 16)
+
+    def upright(points):
+        slope = np.column_stack([2.0 * dome * points / 100.0**2, np.ones(len(points))])
+        return 0.405 * slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+    def fabric(points):
+        height, there = noise_free(
+            drawn(**shape), Setting(points, setting.pressure, setting.time), 16
+        )
+        return np.column_stack([points, height]), there
+
+    below = setting.reference - upright(setting.reference)[:, :2]
+    ends = [[sum(fabric(below + side * d)) for side in (0.1, -0.1)] for d in np.eye(2)]
+    normal = np.cross(*(ahead - behind for ahead, behind in ends))
+    normal *= 0.405 / np.linalg.norm(normal, axis=-1, keepdims=True)
+    rest, there = fabric(below)
+    np.testing.assert_allclose(high, (rest + upright(below))[:, 2] - 0.405, atol=5e-4)
+    np.testing.assert_allclose(moved, there + normal - upright(below), atol=1e-3)
+    # a flat fabric's face is where the fabric is; of a dome that is not so
+    beside = np.abs(there - fabric(setting.reference)[1]).max()
+    assert beside == 0.0 if dome == 0.0 else beside > 0.02
+
+
 def test_misaligned_axes_turn_the_displacement_alone(setting, plain):
     moved = seen(
         setting,

@@ -123,6 +123,10 @@ class Effect:
         """Where (mm) it puts the clamp's centre in the cameras' frame."""
         return 0.0, 0.0
 
+    def face(self, own: Own) -> float:
+        """Share of the thickness by which the face that is seen lies above the middle."""
+        return 0.0
+
     def window(self, own: Own) -> float:
         """Square (mm²) of the radius over which it averages displacements."""
         return 0.0

@@ -23,7 +23,7 @@ from bulgefit.effects.registry import acting
 from bulgefit.model.description import Active
 from bulgefit.model.opening import Opening
 
-__all__ = ["Passage", "Places", "heights_seen", "place", "scene_of", "window_of"]
+__all__ = ["Passage", "Places", "face_of", "heights_seen", "place", "scene_of", "window_of"]
 
 Floats = NDArray[np.float64]
 #: What takes changes (..., frames, n, 3) mm to others.
@@ -65,6 +65,11 @@ def place(reference: Floats, radius: float, active: Active, opening: Opening) ->
 def window_of(active: Active) -> float:
     """Square (mm²) of the radius of the window over which displacements are averaged."""
     return float(sum(effect.window(own) for effect, own in active))
+
+
+def face_of(active: Active) -> float:
+    """Share of the thickness by which the face that is seen lies above the middle."""
+    return float(sum(effect.face(own) for effect, own in active))
 
 
 def heights_seen(reference: Floats, places: Places, radius: float, active: Active) -> Floats:

@@ -29,6 +29,7 @@ __all__ = [
     "describe",
     "gauss_points",
     "null_values",
+    "surface_of",
     "with_value",
 ]
 
@@ -200,7 +201,7 @@ def describe(
     if there := kept("outline", "height"):
         surface = there.fabric.surface
     else:
-        surface = _surface(mesh.nodes / scale, active, scale)
+        surface = surface_of(mesh.nodes / scale, active, scale)
     if there := kept("load", "clamp"):
         edge, eased, compliance = there.edge, there.eased, there.fabric.compliance
     else:
@@ -228,7 +229,7 @@ def _load(recorded: Floats, time: Floats | None, active: Active) -> Load:
     return load
 
 
-def _surface(unit: Floats, active: Active, scale: Floats | float) -> Floats | None:
+def surface_of(unit: Floats, active: Active, scale: Floats | float) -> Floats | None:
     """Stress-free positions (n, 3) mm of nodes at (n, 2) of the unit disc; None: flat and round."""
     outline, height, bent = unit, np.zeros(len(unit)), False
     for effect, own in active:

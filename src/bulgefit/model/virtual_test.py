@@ -2,6 +2,7 @@
 
     parameters -> the effects' hooks fill the five places (`description`)
                -> the membrane balances each frame's pressure (`inflation`)
+               -> the cameras see the cloth's face (`face`)
                -> the field is read at the measured points (`observation`, `window`)
                -> the cameras' hooks make of it what is reported (`camera`)
 
@@ -19,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import ends_about
@@ -26,7 +28,15 @@ from bulgefit.effects.places import Load, Scene
 from bulgefit.effects.registry import effect_named, own_values
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import Mesh
-from bulgefit.model.camera import Passage, Places, heights_seen, place, scene_of, window_of
+from bulgefit.model.camera import (
+    Passage,
+    Places,
+    face_of,
+    heights_seen,
+    place,
+    scene_of,
+    window_of,
+)
 from bulgefit.model.description import (
     CONSTANTS,
     Active,
@@ -37,13 +47,16 @@ from bulgefit.model.description import (
     describe,
     gauss_points,
     null_values,
+    surface_of,
     with_value,
 )
+from bulgefit.model.face import Face
 from bulgefit.model.forces import Change
 from bulgefit.model.inflation import LEAST_PRESSURE, Inflation, Shapes
 from bulgefit.model.observation import Operators, applied, operators
 from bulgefit.model.opening import Opening
 from bulgefit.model.setup import Setup
+from bulgefit.model.smooth import smooth_field
 from bulgefit.model.softening import Kept
 from bulgefit.model.window import Window
 
@@ -203,7 +216,7 @@ class VirtualTest:
         """Displacements (frames, n, 3) that a neighbour's derivatives lead to."""
         guess = near.displacement.copy()
         for name, change in near.derivative.items():
-            step = self._value(name, values) - self._value(name, near.values)
+            step = self.value(name, values) - self.value(name, near.values)
             if step != 0.0:
                 guess += step * change
         return guess
@@ -297,9 +310,10 @@ class VirtualTest:
                 step = min(step, _SOFT * values[name])
             return ends_about(values[name], step)
         effect, _, parameter = name.partition(".")
-        return effect_named(effect).span(parameter, self._value(name, values))
+        return effect_named(effect).span(parameter, self.value(name, values))
 
-    def _value(self, name: str, values: Values) -> float:
+    def value(self, name: str, values: Values) -> float:
+        """A parameter's, or its null."""
         if name in values:
             return values[name]
         effect, _, parameter = name.partition(".")
@@ -404,6 +418,23 @@ class VirtualTest:
         opening = self.opening(active)
         return Operators(self.window.value(places.unit, float(np.sqrt(square)), opening), None)
 
+    def face(self, active: Active) -> Face | None:
+        """What the cameras see of the cloth; None where it is the middle."""
+        share = face_of(active)
+        if share == 0.0:
+            return None
+        axes = self.test.semi_axes
+        rest = surface_of(self.mesh.nodes / axes, active, axes)
+        if rest is None:
+            rest = np.column_stack([self.mesh.nodes, np.zeros(len(self.mesh.nodes))])
+        return Face(self.gradients, rest, share * self.test.thickness)
+
+    @cached_property
+    def gradients(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """Derivatives of nodal fields at the nodes."""
+        field = smooth_field(self.circle.nodes, self.circle.nodes)
+        return field.by_x, field.by_y
+
     @property
     def window(self) -> Window:
         """Means over windows of the mesh's fields; kept."""
@@ -442,7 +473,9 @@ class Sight:
         field = shapes.displacement
         if virtual.correction is not None:
             field = field + virtual.correction
-        self.field = _of_frames(field, self.frames)
+        self.middle = _of_frames(field, self.frames)
+        self.face = virtual.face(self.active)
+        self.field = self.middle if self.face is None else self.face.seen(self.middle)
         self.moved = self.operators(self.field)
         self.scene = self._scene(shapes.values, self.active, self.places)
         self.passage = Passage(self.scene, self.active, self.moved)
@@ -487,7 +520,7 @@ class Sight:
         if any(of_nodes):
             fields = np.stack(
                 [
-                    _of_frames(self.shapes.derivative[name], self.frames)
+                    self._of_nodes(name)
                     for name, own in zip(self.names, of_nodes, strict=True)
                     if own
                 ]
@@ -502,7 +535,7 @@ class Sight:
 
     def _is_of_nodes(self, name: str) -> bool:
         """Whether what is reported changes as the nodes do, and by nothing else."""
-        hooks = ("see", "motion", "locate", "centre", "outline", "height", "load", "window")
+        hooks = ("see", "motion", *_PLACING, "height", "load", "window", "face")
         return name in self.shapes.derivative and self._is_plain and not _uses(name, *hooks)
 
     @property
@@ -521,13 +554,32 @@ class Sight:
     def _of_fabric(self, name: str) -> Floats | None:
         """Change of the displacement at the points before the cameras' maps."""
         out = None
-        if name in self.shapes.derivative:
-            out = self.operators(_of_frames(self.shapes.derivative[name], self.frames))
+        if name in self.shapes.derivative or _uses(name, "face"):
+            out = self.operators(self._of_nodes(name))
         if name in self.moves:
             out = _sum(out, self._of_motion(name))
         if _uses(name, "window"):
             out = _sum(out, self._of_window())
         return out
+
+    def _of_nodes(self, name: str) -> Floats:
+        """Change (frames, n, 3) of what is seen of the nodes.
+
+        Of what turns the normals at rest, and of how far the face lies off, it is a difference.
+        """
+        change = self.shapes.derivative.get(name)
+        own = np.zeros_like(self.middle) if change is None else _of_frames(change, self.frames)
+        if _uses(name, "face") or (self.face is not None and _uses(name, "height", "outline")):
+            here = self.virtual.value(name, self.shapes.values)
+            ends = self.virtual.span(name, self.shapes.values)
+            below, above = (self._seen_at(name, x, self.middle + (x - here) * own) for x in ends)
+            return np.asarray((above - below) / (ends[1] - ends[0]))
+        return own if self.face is None else self.face.slope(self.middle, own)
+
+    def _seen_at(self, name: str, value: float, middle: Floats) -> Floats:
+        """What is seen of the nodes at another value of a parameter, and the middle's field."""
+        face = self.virtual.face(with_value(self.active, name, value, self.virtual.nulls()))
+        return middle if face is None else face.seen(middle)
 
     def _ends(self, name: str) -> tuple[list[tuple[dict[str, float], Active, Places]], float]:
         """Values, active effects and places of the points below and above a parameter's value."""

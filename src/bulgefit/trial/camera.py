@@ -12,7 +12,7 @@ from bulgefit.trial.draw import Draw
 from bulgefit.trial.fabric import Shapes
 from bulgefit.trial.gauge import true_load
 from bulgefit.trial.rim import positions
-from bulgefit.trial.window import NodalField, averaged
+from bulgefit.trial.window import NodalField, averaged, upright
 
 __all__ = ["Setting", "material_points", "observe"]
 
@@ -58,14 +58,19 @@ def material_points(drawn: Draw, setting: Setting) -> Floats:
 def observe(drawn: Draw, setting: Setting, shapes: Shapes) -> tuple[Floats, Floats]:
     """Reference heights (n,) mm and displacements (frames, n, 3) mm as seen, without noise.
 
-    In the order of what happens: the fabric moves, the fixture moves it, the lens distorts what
-    is then in front of it, and the axes of the report are turned. Points stand at their height
-    before inflation, whether it is kept or not.
+    In the order of what happens: the fabric moves, and its face with it, the fixture moves it, the
+    lens distorts what is then in front of it, and the axes of the report are turned. Points stand
+    at their height before inflation, whether it is kept or not.
     """
     points = material_points(drawn, setting)
-    height = NodalField(shapes.nodes[:, :2], points)(shapes.nodes)[:, 2]
+    above = drawn.get("surface_offset.share") * setting.thickness
+    face = np.zeros((len(points), 3))
+    if above != 0.0:
+        face = above * (upright(shapes.nodes, points) - [0.0, 0.0, 1.0])
+    points = points - face[:, :2]  # on the fabric, below what is seen
+    height = NodalField(shapes.nodes[:, :2], points)(shapes.nodes)[:, 2] + face[:, 2]
     rim = positions(drawn, _CIRCLE, setting.radius)[:, :2]
-    moved = averaged(shapes, points, drawn.get("dic_smoothing.window"), rim)
+    moved = averaged(shapes, points, drawn.get("dic_smoothing.window"), rim, above)
     straight = _undistorted(drawn, setting.reference, setting.radius)
     scale = 1.0 + drawn.get("dic_scale.scale")
     shown = _reference_state(drawn, setting.reference)

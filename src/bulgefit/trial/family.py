@@ -34,6 +34,8 @@ SPECIMENS = 3
 STRAINS = (0.01, 0.02, 0.03, 0.05)
 #: Motions of which each specimen has one.
 _MOTIONS = ("rigid_motion", "fixture_motion")
+#: Effects of the cloth, each of which half of the families have.
+_SHARED = ("nonlinear_material", "surface_offset")
 #: Most of what a specimen has beside these.
 _FURTHER = 2
 
@@ -46,7 +48,7 @@ class Cloth:
     ----------
     moduli : dict of str to float, MPa
     law : dict of str to float
-        Parameters of `nonlinear_material`; empty where the cloth is linear.
+        Parameters of what the cloth has of `_SHARED`.
     scatter : float
         Standard deviation of the logarithm of the factors.
     """
@@ -141,8 +143,8 @@ def law_table(
 
 def _cloth(rng: Generator) -> Cloth:
     moduli, scatter = draw_moduli(rng), float(rng.uniform(0.05, 0.10))
-    curved = ("nonlinear_material",) if rng.random() < 0.5 else ()
-    return Cloth(moduli, draw_sizes(curved, rng).parameters, scatter)
+    own = [name for name in _SHARED if rng.random() < 0.5]
+    return Cloth(moduli, draw_sizes(tuple(own), rng).parameters, scatter)
 
 
 def _factors(scatter: float, rng: Generator) -> Floats:
@@ -166,7 +168,7 @@ def _specimen(cloth: Cloth, factors: Floats, rng: Generator, shrink: float, most
         "E2": cloth.moduli["E2"] * float(factors[1]),
         "G12": cloth.moduli["G12"],
     }
-    shared = ("nonlinear_material",) if cloth.law else ()
+    shared = tuple(dict.fromkeys(name.partition(".")[0] for name in cloth.law))
     # the law has no share: it is the cloth's, and no specimen's own to enlarge
     parameters = {**cloth.law, **drawn.parameters}
     return replace(drawn, effects=(*shared, *own), parameters=parameters, moduli=moduli)

@@ -20,7 +20,7 @@ NOT_TOGETHER = (
 #: silence about them is right.
 SILENT = ("pressure_gain", "poisson_ratio")
 #: Effects that specimens of one cloth share.
-OF_CLOTH = ("nonlinear_material", "creep")
+OF_CLOTH = ("nonlinear_material", "creep", "surface_offset")
 
 
 def _initial_shape(rng: Generator) -> dict[str, float]:
@@ -79,6 +79,8 @@ KNOWN: dict[str, Sizes] = {
     "lens_distortion": lambda rng: {"k1": either(rng, 0.004, 0.015)},
     # heights are seen × (1 + scale_z)
     "depth_scale": lambda rng: {"scale_z": either(rng, 0.005, 0.02)},
+    # the face that is seen lies above the middle by a share of the thickness, and turns with it
+    "surface_offset": lambda rng: {"share": float(rng.uniform(0.2, 0.6))},
     # rim radius a (1 + c3 cos 3φ + s3 sin 3φ)
     "clamp_lobes": lambda rng: plane(rng, ("c3", "s3"), 0.004, 0.015),
     # the axes of the reported displacement are turned: u_seen = R u

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from bulgefit.trial.fabric import Shapes
 
-__all__ = ["NodalField", "averaged"]
+__all__ = ["NodalField", "averaged", "upright"]
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 #: seen has corners.
 _RADII, _ANGLES = 3, 12
 _RIM_RADII, _RIM_ANGLES = 4, 96
+#: Half the step (mm) of differences of places, of third order in it.
+_STEP = 0.02
 #: Of a window of millimetres: to a nanometre.
 _HALVINGS = 24
 
@@ -44,11 +46,19 @@ class NodalField:
         return np.moveaxis(found, 0, -2)
 
 
-def averaged(shapes: Shapes, points: Floats, window: float, rim: Floats) -> Floats:
+def upright(nodes: Floats, points: Floats) -> Floats:
+    """Unit normals (n, 3) of the fabric at rest, nodes (m, 3) mm, at points (n, 2) mm."""
+    (there,) = _normals([(nodes[:, :2], nodes[None])], points)
+    return there
+
+
+def averaged(
+    shapes: Shapes, points: Floats, window: float, rim: Floats, above: float = 0.0
+) -> Floats:
     """Displacement (frames, n, 3) mm of the fabric at points, averaged over a window (mm).
 
     `rim` (k, 2) mm goes once round the opening; beyond it nothing is seen, and what stands there
-    is not seen (NaN).
+    is not seen (NaN). What is seen stands off the fabric by `above` (mm), along its normal.
     """
     edge = _Edge.of(rim)
     inwards = edge.inwards(points)
@@ -63,6 +73,10 @@ def averaged(shapes: Shapes, points: Floats, window: float, rim: Floats) -> Floa
         flat = spread.reshape(-1, 2)
         total = NodalField(shapes.nodes[:, :2], flat)(shapes.fine)
         total += NodalField(shapes.coarse_nodes[:, :2], flat)(shapes.correction)
+        if above != 0.0:
+            moved = (shapes.nodes[:, :2], shapes.nodes + shapes.fine)
+            corrected = (shapes.coarse_nodes[:, :2], shapes.correction)
+            total += above * (_normals([moved, corrected], flat) - upright(shapes.nodes, flat))
         total = total.reshape(len(total), *spread.shape[:2], 3)
         # between the last nodes the rim's polygon cuts off a little more than the rim
         seen = np.isfinite(total[0, :, :, 0]) * weights
@@ -70,6 +84,18 @@ def averaged(shapes: Shapes, points: Floats, window: float, rim: Floats) -> Floa
         share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-300)
         out[:, part] = np.einsum("nw,fnwc->fnc", share, total)
     return out
+
+
+def _normals(fields: list[tuple[Floats, Floats]], points: Floats) -> Floats:
+    """Unit normals (k, n, 3) at points (n, 2) mm of places that are the sum of nodal fields."""
+
+    def at(step: Floats) -> Floats:
+        parts = [NodalField(nodes, points + step)(values) for nodes, values in fields]
+        return np.asarray(sum(parts))
+
+    along_x, along_y = (at(step) - at(-step) for step in _STEP * np.eye(2))
+    normal = np.cross(along_x, along_y)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
 @dataclass(frozen=True)
