@@ -30,6 +30,9 @@ from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import free_parameters, material
 from bulgefit.model.predict import predict
 from bulgefit.model.setup import Setup
+from bulgefit.trial.camera import Setting
+from bulgefit.trial.draw import Draw
+from bulgefit.trial.signature import noise_free
 
 Maker = Callable[..., BulgeTest]
 
@@ -500,3 +503,28 @@ def test_report_of_a_fit_that_went_badly() -> None:
     assert result.to_dict()["quality"]["warnings"] == [
         {"code": "at_bound", "text": "E1 is at its bound"}
     ]
+
+
+def test_moduli_of_a_cloth_whose_face_is_seen() -> None:
+    """Half the thickness above the middle, by a code and a mesh that are not the model's."""
+    x = np.linspace(-90.0, 90.0, 16)
+    points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    points = points[np.hypot(*points.T) < 95.0]
+    truth = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    pressure = np.linspace(0.02, 0.3, 6)
+    drawn = Draw(("surface_offset",), {"surface_offset.share": 0.5}, (), truth)
+    _, seen = noise_free(drawn, Setting(points, pressure, np.arange(6.0)))
+    seen = seen + np.random.default_rng(8).normal(0.0, 0.008, seen.shape)
+    flat = np.column_stack([points, np.zeros(len(points))])
+    test = BulgeTest.from_arrays(flat, seen, pressure)
+    found = fit(test, starts=1, effects=("surface_offset",))
+    for name, value in truth.items():
+        error = found.uncertainty.stderr[name]
+        assert error is not None
+        assert error < 0.02 * value
+        assert abs(found.material.values[name] - value) < 4.0 * error
+    assert found.effects["surface_offset.share"] == pytest.approx(0.5, abs=0.01)
+    # taken for the middle, the face asks for shear stiffness that is not there
+    wrong = fit(test, starts=1).material.values
+    assert wrong["G12"] > 2.0 * truth["G12"]
+    assert wrong["E1"] < 0.98 * truth["E1"]
