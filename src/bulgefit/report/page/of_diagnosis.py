@@ -15,7 +15,7 @@ from bulgefit.report.page.blocks import Answer, Block, Page, Value
 from bulgefit.report.record import SIGNIFICANT, Record
 from bulgefit.report.words.blocks import blocks_of
 from bulgefit.report.words.causes import is_undecided
-from bulgefit.report.words.names import budget_labels, names_of
+from bulgefit.report.words.names import budget_labels, names_of, percent_text
 from bulgefit.report.words.notes import alarms_of
 from bulgefit.report.words.verdict import verdict_words
 
@@ -103,17 +103,20 @@ def _value(name: str, found: Any) -> Value:
     if share <= USE:
         return Value(name, text, "use")
     if share <= CARE:
-        return Value(name, text, "care", f"found roughly: standard error {100 * share:.2g} %")
-    return Value(name, text, "no", f"this data hardly shows it: standard error {100 * share:.2g} %")
+        return Value(name, text, "care", f"found roughly: standard error {percent_text(share)}")
+    return Value(
+        name, text, "no", f"this data hardly shows it: standard error {percent_text(share)}"
+    )
 
 
 def _shifts(record: Record) -> list[str]:
     """By how much a plain fit would have missed."""
     before, after = (record["parameters"][k] for k in ("baseline", "corrected"))
+    off = {m: before[m]["value"] / after[m]["value"] - 1 for m in _NAMES if not before[m]["held"]}
     shifts = [
-        f"{m} by {100 * (before[m]['value'] / after[m]['value'] - 1):+.2g} %"
-        for m in _NAMES
-        if abs(before[m]["value"] / after[m]["value"] - 1) >= 0.005 and not before[m]["held"]
+        f"{m} by {'-' if share < 0 else '+'}{percent_text(abs(share))}"
+        for m, share in off.items()
+        if abs(share) >= 0.005
     ]
     return [f"A fit of the moduli alone is off: {listed(shifts)}."] if shifts else []
 

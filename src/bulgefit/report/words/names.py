@@ -132,4 +132,4 @@ def percent_text(share: float) -> str:
     share *= 100.0
     if share > 99.9 and share < 100.0:
         return f"{min(share, 99.99):.2f} %"
-    return f"{share:.3g} %"
+    return f"{share:.0f} %" if share >= 100.0 else f"{share:.3g} %"
