@@ -105,7 +105,7 @@ MUTANTS = (
     Mutant("effects/surface_offset.py", 'return own["share"]', 'return -own["share"]', SIGNS),
     Mutant("model/face.py", "(normal - upright)", "(normal + upright)", FACE),
     Mutant("model/face.py", "field - back[:, :1]", "field + back[:, :1]", FACE),
-    Mutant("model/face.py", "turned -= normal", "turned += normal", FACE),
+    Mutant("model/face.py", "np.cross(normal, a) / area", "np.cross(a, normal) / area", FACE),
     Mutant(
         "model/virtual_test.py",
         "share * self.test.thickness",

@@ -89,7 +89,7 @@ def test_slope_is_that_of_differences() -> None:
     step = 1e-4
     ends = [face.seen(moved + side * step * change) for side in (1.0, -1.0)]
     difference = (ends[0] - ends[1]) / (2.0 * step)
-    np.testing.assert_allclose(face.slope(moved, change), difference, atol=1e-8)
+    np.testing.assert_allclose(face.slope(moved)(change), difference, atol=1e-8)
 
 
 def test_of_no_height_it_is_the_middle() -> None:

@@ -12,6 +12,7 @@ back from there, w - h N·∇w to first order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,15 +33,16 @@ class Face:
 
     Attributes
     ----------
-    gradients : pair of (n, n) csr_array
-        Derivatives of a nodal field by the mesh's two coordinates, at the nodes.
+    gradients : (2 n, n) csr_array
+        Derivatives of a nodal field at the nodes, by the first of the mesh's coordinates and then
+        by the second.
     rest : (n, 3) array, mm
         The nodes before inflation.
     above : float, mm
         By how much the face lies above the middle, along its normal.
     """
 
-    gradients: tuple[sparse.csr_array, sparse.csr_array]
+    gradients: sparse.csr_array
     rest: Floats
     above: float
 
@@ -56,18 +58,38 @@ class Face:
         upright, back = self._at_rest
         return self._from(moved + self.above * (normal - upright), back)
 
-    def slope(self, moved: Floats, change: Floats) -> Floats:
-        """Change (frames, n, 3) of what is seen from one of the middle's displacement."""
+    def slope(self, moved: Floats) -> Callable[[Floats], Floats]:
+        """What takes changes (frames, n, 3) of the middle's displacement to those of what is seen.
+
+        The normal stays one: as the tangents a₁ and a₂ change, it does by -(n·δa₁) a¹ - (n·δa₂) a²,
+        with the vectors a¹ and a² that are reciprocal to them.
+
+        Parameters
+        ----------
+        moved : (frames, n, 3) array, mm
+            The displacement that changes.
+        """
         (a, b), normal, area = self._turned(self.rest + moved)
-        by_1, by_2 = (applied(g, change) for g in self.gradients)
-        turned = (np.cross(by_1, b) + np.cross(a, by_2)) / area
-        turned -= normal * (turned * normal).sum(axis=-1, keepdims=True)
+        across_1 = self.above * np.cross(b, normal) / area
+        across_2 = self.above * np.cross(normal, a) / area
         _, back = self._at_rest
-        return self._from(change + self.above * turned, back)
+
+        def of(change: Floats) -> Floats:
+            by_1, by_2 = self._derivatives(change)
+            tilt_1 = np.einsum("fnc,fnc->fn", normal, by_1)[..., None]
+            tilt_2 = np.einsum("fnc,fnc->fn", normal, by_2)[..., None]
+            return self._from(change - tilt_1 * across_1 - tilt_2 * across_2, back)
+
+        return of
+
+    def _derivatives(self, field: Floats) -> tuple[Floats, Floats]:
+        """Of a field (frames, n, 3) by each of the mesh's coordinates."""
+        both = applied(self.gradients, field)
+        return both[:, : len(self.rest)], both[:, len(self.rest) :]
 
     def _turned(self, place: Floats) -> tuple[tuple[Floats, Floats], Floats, Floats]:
         """Tangents, unit normal and area (frames, n, 3 or 1) of places (frames, n, 3)."""
-        a, b = (applied(g, place) for g in self.gradients)
+        a, b = self._derivatives(place)
         normal = np.cross(a, b)
         area = np.linalg.norm(normal, axis=-1, keepdims=True)
         return (a, b), normal / area, area
@@ -87,5 +109,5 @@ class Face:
         """A field (frames, n, 3) at the places that lie `back` (n, 2) from the nodes."""
         if not back.any():
             return field
-        by_1, by_2 = (applied(g, field) for g in self.gradients)
+        by_1, by_2 = self._derivatives(field)
         return np.asarray(field - back[:, :1] * by_1 - back[:, 1:] * by_2)

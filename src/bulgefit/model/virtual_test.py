@@ -13,7 +13,7 @@ hooks.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -430,10 +430,10 @@ class VirtualTest:
         return Face(self.gradients, rest, share * self.test.thickness)
 
     @cached_property
-    def gradients(self) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """Derivatives of nodal fields at the nodes."""
+    def gradients(self) -> sparse.csr_array:
+        """Derivatives of nodal fields at the nodes, (2 n, n): see `Face`."""
         field = smooth_field(self.circle.nodes, self.circle.nodes)
-        return field.by_x, field.by_y
+        return sparse.csr_array(sparse.vstack([field.by_x, field.by_y]))
 
     @property
     def window(self) -> Window:
@@ -574,7 +574,13 @@ class Sight:
             ends = self.virtual.span(name, self.shapes.values)
             below, above = (self._seen_at(name, x, self.middle + (x - here) * own) for x in ends)
             return np.asarray((above - below) / (ends[1] - ends[0]))
-        return own if self.face is None else self.face.slope(self.middle, own)
+        return own if self.face is None else self._of_face(own)
+
+    @cached_property
+    def _of_face(self) -> Callable[[Floats], Floats]:
+        """What takes changes of the middle to those of the face."""
+        assert self.face is not None
+        return self.face.slope(self.middle)
 
     def _seen_at(self, name: str, value: float, middle: Floats) -> Floats:
         """What is seen of the nodes at another value of a parameter, and the middle's field."""
