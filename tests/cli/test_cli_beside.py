@@ -116,6 +116,20 @@ def test_a_model_from_a_fit(file, fitted, tmp_path, capsys):
     assert told["effects"] == {"clamp_slip.compliance": 0.01}
 
 
+def test_what_a_diagnosis_held_is_held_as_well(file, tmp_path, capsys):
+    path = tmp_path / "gap.json"
+    moduli = {name: {"value": value} for name, value in MODULI.items()}
+    told = {
+        "causes": [{"effect": "clamp_slip", "parameters": {"compliance": {"value": 0.01}}}],
+        "held": {"surface_offset.share": 0.5},
+        "parameters": {"corrected": moduli},
+    }
+    path.write_text(json.dumps(told))
+    assert main(["evaluate", str(file), "--from", str(path), "--json", "-", "--quiet"]) == 0
+    found = json.loads(capsys.readouterr().out)["effects"]
+    assert found == {"clamp_slip.compliance": 0.01, "surface_offset.share": 0.5}
+
+
 def test_an_isotropic_fit(file, tmp_path, capsys):
     path = tmp_path / "fit.json"
     values = {"E": 300.0, "G": 120.0, "nu": 0.25}

@@ -31,6 +31,7 @@ from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.parallel.journal import journaled
 from bulgefit.parallel.workers import open_executor
+from bulgefit.report.record import record_of
 
 MODULI = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
 SIGMA = np.array([0.006, 0.006, 0.012])
@@ -78,6 +79,52 @@ def test_a_clean_test_has_no_cause() -> None:
     for name, truth in MODULI.items():
         value = found.to_dict()["parameters"]["corrected"][name]
         assert abs(value["value"] - truth) < 4 * value["stderr"]
+
+
+@pytest.mark.parametrize(
+    "held", [{"clamp_slip.compliance": 0.02}, {"surface_offset.share": 0.5}], ids=["clamp", "face"]
+)
+def test_what_is_held_is_in_every_model_and_not_looked_for(held: dict[str, float]) -> None:
+    found = diagnose(made({**held, "pressure_offset.offset": 0.03}), effects=None, held=held)
+    assert found.verdict == "named"
+    (cause,) = found.causes
+    assert cause.effect == "pressure_offset"
+    record = found.to_dict()
+    assert record["held"] == held
+    for name, truth in MODULI.items():
+        value = record["parameters"]["corrected"][name]
+        assert abs(value["value"] - truth) < 4 * value["stderr"]
+    (effect,) = (name.partition(".")[0] for name in held)
+    assert effect not in record["others"]
+    # the law is told with what is held of it, and the shapes of the page are
+    told = record_of(found)["report"]["values"]
+    assert all(held.items() <= values.items() for values in told.values())
+
+
+def test_a_law_that_is_held_is_told() -> None:
+    held = {"nonlinear_material.k_x": 4.0, "nonlinear_material.k_y": 2.0}
+    found = diagnose(made(held), effects=("creep",), held=held)
+    assert found.verdict == "none"
+    at = found.law.strain.tolist().index(0.03)
+    expected = 0.81 * MODULI["E1"] * (0.03 + 4.0 * 0.03**2)
+    assert found.law.to_dict()["warp_N_per_mm"][at] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("held", "effects", "said"),
+    [
+        ({"clamp_slip.firmness": 1.0}, None, "clamp_slip has no parameter 'firmness'"),
+        ({"clamp_slip.compliance": -1.0}, None, "clamp_slip.compliance must be 0 or more"),
+        ({"clamp_slip.compliance@0": 0.1}, None, "what is held is so in every test"),
+        ({"stiffness_field.b0": 0.1}, None, "stiffness_field is a field"),
+        ({"clamp_slip.compliance": 0.1}, CANDIDATES, "clamp_slip is among the effects to try"),
+    ],
+)
+def test_what_cannot_be_held_is_refused(
+    held: dict[str, float], effects: tuple[str, ...] | None, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        diagnose(made({}), effects=effects, held=held)
 
 
 def test_units_are_fixed_anew_where_the_search_comes_to(monkeypatch: pytest.MonkeyPatch) -> None:

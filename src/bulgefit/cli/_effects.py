@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "add_effect_arguments",
     "add_freeing_arguments",
+    "add_hold_argument",
     "add_prior_argument",
     "found_law",
     "given_ratios",
@@ -40,13 +41,8 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
         Whether the verb fits the material, so that --from says effects alone.
     """
     group = parser.add_argument_group("effects", "what the test has that the ideal one has not")
-    group.add_argument(
-        "--hold",
-        action="append",
-        default=[],
-        metavar="EFFECT.PARAMETER=VALUE",
-        help="set a parameter of an effect, in its unit, as clamp_slip.compliance=0.02; several by "
-        "commas or by giving it again (default: every effect is absent)",
+    add_hold_argument(
+        group, "set a parameter of an effect, in its unit, as clamp_slip.compliance=0.02"
     )
     group.add_argument(
         "--from",
@@ -57,6 +53,18 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
         if fits
         else "set the effects' parameters, and moduli and law that are not given, to what bulgefit "
         "diagnose or fit found and wrote with --json",
+    )
+
+
+def add_hold_argument(group: argparse._ArgumentGroup, meaning: str) -> None:
+    """Add --hold."""
+    group.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        metavar="EFFECT.PARAMETER=VALUE",
+        help=f"{meaning}; several by commas or by giving it again (default: every effect is "
+        "absent)",
     )
 
 
@@ -199,6 +207,7 @@ def _told_effects(content: dict[str, Any]) -> dict[Key, float]:
             for cause in content["causes"]
             for name, found in cause["parameters"].items()
         }
+        told |= {name: {"value": value} for name, value in content.get("held", {}).items()}
     else:
         told = {name: found for name, found in content["parameters"].items() if "." in name}
     return {Key.read(name): float(found["value"]) for name, found in told.items()}

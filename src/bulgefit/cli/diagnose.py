@@ -9,7 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _fitting, _resuming
-from bulgefit.cli._effects import add_prior_argument, priors_from
+from bulgefit.cli._effects import (
+    add_hold_argument,
+    add_prior_argument,
+    held_by_hand,
+    priors_from,
+)
 from bulgefit.cli.report import check_page, is_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
 from bulgefit.errors import InputError
@@ -44,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  bulgefit diagnose test1.npz test2.npz --holdout test3.npz\n"
         "  bulgefit diagnose test1.npz test2.npz test3.npz --same-rig --prior E1=700+-100\n"
         "  bulgefit diagnose test1.npz --effects clamp_slip,prestrain,rigid_motion\n"
+        "  bulgefit diagnose test1.npz --hold surface_offset.share=0.5\n"
         "  bulgefit diagnose test1.npz --thorough --scheduler tcp://cluster:8786"
     )
     add_tests_argument(parser)
@@ -80,6 +86,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_prior_argument(
         group, "what is believed of E1, E2 or G12 (MPa), as E1=300+-60 (default: next to nothing)"
     )
+    add_hold_argument(
+        group,
+        "what is known of every test: a parameter of an effect that every model has, in its unit, "
+        "as surface_offset.share=0.5; its effect is not looked for",
+    )
     _common.add_law_argument(group)
     group.add_argument(
         "--seed",
@@ -108,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     _resuming.ready(args)
     _common.check_outputs(args, _fitting.inputs(args))
     effects = _effects(args.effects)
-    priors = priors_from(args)
+    priors, held = priors_from(args), held_by_hand(args)
     workers = _common.workers_from(args)
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
@@ -131,6 +142,7 @@ def run(args: argparse.Namespace) -> int:
                 thorough=args.thorough,
                 same_rig=args.same_rig,
                 priors=priors,
+                held=held,
                 seed=args.seed,
                 executor=executor,
                 # those of a cluster have their own work for their cores

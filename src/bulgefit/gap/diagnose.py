@@ -12,6 +12,8 @@ import numpy as np
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, distinctly_named, given_tests
 from bulgefit.effects.base import Effect
+from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import fields
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.causes import causes_of, verdict_of
@@ -38,6 +40,7 @@ from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.residual.locate import azimuthal_modes
 from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.scatter import scatter_of
+from bulgefit.model.parameters import as_effects
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 
@@ -53,6 +56,7 @@ def diagnose(
     thorough: bool = False,
     same_rig: bool = False,
     priors: Mapping[str, Prior] | None = None,
+    held: Mapping[str, float] | None = None,
     seed: int = 0,
     executor: Executor | None = None,
     workers: int = 1,
@@ -78,6 +82,9 @@ def diagnose(
         Several tests share what belongs to clamp and cameras: the clamp's shape, lens and scales.
     priors : mapping of name to Prior, optional
         What is believed of E1, E2 and G12 (MPa); default: a decade either way.
+    held : mapping of str to float, optional
+        What is known of every test: parameters (`effect.parameter`) of effects that every model
+        has, and that are not looked for.
     seed : int
         Kept for the record; the search draws nothing at random.
     executor : concurrent.futures.Executor, optional
@@ -94,9 +101,10 @@ def diagnose(
     Raises
     ------
     InputError
-        A test with too few points or frames to judge, or without one of the components; unknown
-        effects; tests that state different Poisson ratios; priors of other parameters, or that are
-        none.
+        Unknown parameters, or values that mean nothing, among those held; effects that are both
+        held and candidates. A test with too few points or frames to judge, or without one of the
+        components; unknown effects; tests that state different Poisson ratios; priors of other
+        parameters, or that are none.
     SolveError
         The baseline finds no equilibrium.
     """
@@ -104,7 +112,8 @@ def diagnose(
     given = given_tests(tests)
     if not given:
         raise InputError("no bulge test was given")
-    wanted = chosen_effects(effects)
+    known = as_effects(held)
+    wanted = _not_held(chosen_effects(effects), known, named=effects is not None)
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
     if holdout is not None:
@@ -113,8 +122,8 @@ def diagnose(
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
-        prepared = [prepare(test, law, workers) for test in given]
-        kept_out = None if holdout is None else prepare(holdout, law, workers)
+        prepared = [prepare(test, law, workers, known) for test in given]
+        kept_out = None if holdout is None else prepare(holdout, law, workers, known)
         data = [p.data for p in prepared]
         pace = Pace(left)
         say("baseline: the moduli alone")
@@ -171,6 +180,7 @@ def diagnose(
         scatter=scatter_of(found.final),
         implied=implied_references(data, found.final),
         skipped=lacking,
+        held=known,
         tests=given,
         seed=seed,
         seconds=time.perf_counter() - began,
@@ -184,6 +194,20 @@ def diagnose(
             *unmet,
         ],
     )
+
+
+def _not_held(effects: Iterable[Effect], held: Mapping[str, float], *, named: bool) -> list[Effect]:
+    """Effects of which nothing is held; InputError where others were asked for by name."""
+    keys = [Key.read(name) for name in held]
+    if own := [str(key) for key in keys if key.specimen is not None]:
+        raise InputError(f"held: {own[0]}: what is held is so in every test; leave out the @")
+    known = {key.effect for key in keys}
+    if never := sorted(known & set(fields())):
+        raise InputError(f"held: {never[0]} is a field, which is looked for where it is needed")
+    found = [e for e in effects if e.id not in known]
+    if named and (twice := [e.id for e in effects if e.id in known]):
+        raise InputError(f"held: {twice[0]} is among the effects to try, too; leave it out of one")
+    return found
 
 
 def _lacking(effects: Iterable[Effect], tests: Sequence[BulgeTest]) -> dict[str, str]:

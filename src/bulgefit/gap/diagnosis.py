@@ -64,6 +64,8 @@ class Diagnosis(Drawn):
     implied : list of ImpliedReference
         Heights before inflation, test by test.
     skipped : dict of effect to why
+    held : dict of name to float
+        What was known of every test.
     holdout : HeldOutTest or None
         How a specimen that was kept out is met.
     kept_out : BulgeTest or None
@@ -85,6 +87,7 @@ class Diagnosis(Drawn):
     tests: list[BulgeTest]
     seed: int
     seconds: float
+    held: dict[str, float] = field(default_factory=dict)
     holdout: HeldOutTest | None = None
     kept_out: BulgeTest | None = None
     warnings: list[str] = field(default_factory=list)
@@ -181,6 +184,7 @@ class Diagnosis(Drawn):
             "others": {str(group): p for group, p in self.explanation.others.items()},
             **({} if self.holdout is None else {"holdout": self.holdout.to_dict()}),
             "skipped": self.skipped,
+            "held": self.held,
             "warnings": self.warnings,
             "alarms": [
                 f"{test.name}: {alarm.text}; {alarm.remedy}"

@@ -146,7 +146,7 @@ def _is_of_cloth(key: Key) -> bool:
 
 
 def _with_ratio(d: Data, values: Mapping[Key, float]) -> dict[str, float]:
-    return {"nu12": d.specimen.test.poisson_ratio, **specimen_values(values, 0)}
+    return d.specimen.given(specimen_values(values, 0))
 
 
 def _resultants(d: Data, values: Mapping[Key, float], strain: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,8 +75,18 @@ class Prepared:
     interpolated: int | None = None
 
 
-def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
+def prepare(
+    test: BulgeTest,
+    law: str = "hencky",
+    threads: int = 1,
+    held: Mapping[str, float] | None = None,
+) -> Prepared:
     """Thin, clean and describe one test, whose frames so many threads will balance.
+
+    Parameters
+    ----------
+    held : mapping of str to float, optional
+        Parameters (`effect.parameter`) that are known.
 
     Raises
     ------
@@ -111,7 +121,7 @@ def prepare(test: BulgeTest, law: str = "hencky", threads: int = 1) -> Prepared:
     test = _thinned(test.select(frames=frames))
     (block,) = test.blocks
     noise = estimate_noise(test)
-    specimen = Specimen(test, law=law, threads=threads)
+    specimen = Specimen(test, law=law, threads=threads, held=held)
     used = np.isfinite(block.displacement)
     mixture = len(test.pressure) / independent_frames(test)
     data = Data(specimen, noise.sigma, used, mixture * noise.inflation, mixture=mixture)

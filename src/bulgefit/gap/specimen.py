@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +27,8 @@ class Specimen(VirtualTest):
     law : str
     threads : int
         Frames that are balanced side by side; the result does not depend on it.
+    held : mapping of str to float, optional
+        See `VirtualTest`.
     """
 
     def __init__(
@@ -33,12 +37,13 @@ class Specimen(VirtualTest):
         refine: int = DEFAULT_REFINE,
         law: str = "hencky",
         threads: int = 1,
+        held: Mapping[str, float] | None = None,
     ) -> None:
-        super().__init__(test, Setup(law=law, refine=refine), threads)
+        super().__init__(test, Setup(law=law, refine=refine), threads, held=held)
 
     def of(self, test: BulgeTest) -> Specimen:
         """Another test, computed the same way."""
-        return Specimen(test, self.setup.refine, self.setup.law, self.threads)
+        return Specimen(test, self.setup.refine, self.setup.law, self.threads, self.held)
 
     @property
     def reference(self) -> NDArray[np.float64]:

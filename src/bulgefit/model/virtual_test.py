@@ -106,6 +106,8 @@ class VirtualTest:
         Frames that are balanced side by side; the result does not depend on it.
     inflation : Inflation, optional
         Shared with tests of the same clamp and thickness.
+    held : mapping of str to float, optional
+        Parameters (`effect.parameter`) that are known: they are so wherever they are not given.
 
     Attributes
     ----------
@@ -119,8 +121,10 @@ class VirtualTest:
         setup: Setup | None = None,
         threads: int = 1,
         inflation: Inflation | None = None,
+        held: Values | None = None,
     ) -> None:
         self.test, self.setup, self.threads = test, setup or Setup(), threads
+        self.held = dict(held or {})
         self.inflation = inflation or Inflation.of([test], self.setup)
         self.mesh = self.inflation.mesh
         # where fields are read: stencils of a mesh that is stretched are no good ones
@@ -174,7 +178,7 @@ class VirtualTest:
             Unknown names, or constants that are not admissible.
         SolveError
         """
-        given = self._given(values)
+        given = self.given(values)
         checked([*given, *names])
         here, changes = self._described(given, names)
         constant = all(name in CONSTANTS or c.of_law for name, c in changes.items())
@@ -194,7 +198,7 @@ class VirtualTest:
 
     def lost_mode(self, shapes: Shapes, frame: int) -> Floats | None:
         """The mode (n, 3) in which the shape of a frame gives way; None where it does not."""
-        here, _ = self._described(self._given(shapes.values), ())
+        here, _ = self._described(self.given(shapes.values), ())
         return self.inflation.lost_mode(here, shapes, frame)
 
     def kept_by(self, shapes: Shapes, names: Iterable[str], frame: int, mode: Floats) -> Kept:
@@ -205,12 +209,12 @@ class VirtualTest:
         shapes : Shapes
             With derivatives by the names.
         """
-        here, changes = self._described(self._given(shapes.values), names)
+        here, changes = self._described(self.given(shapes.values), names)
         return self.inflation.kept_by(here, changes, shapes, frame, mode)
 
-    def _given(self, values: Values) -> dict[str, float]:
-        """Values with the test's own Poisson's ratio, where they have none."""
-        return {"nu12": self.test.poisson_ratio, **values}
+    def given(self, values: Values) -> dict[str, float]:
+        """Values with what is held, and the test's own Poisson's ratio, where they have none."""
+        return {"nu12": self.test.poisson_ratio, **self.held, **values}
 
     def _ahead(self, near: Shapes, values: Values) -> Floats:
         """Displacements (frames, n, 3) that a neighbour's derivatives lead to."""
@@ -277,13 +281,13 @@ class VirtualTest:
 
     def description(self, values: Values) -> Description:
         """The specimen in its clamp under its load."""
-        given = self._given(values)
+        given = self.given(values)
         return self._describe(given, active_effects(given, self.nulls()), slips=False)
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
         load = Load(self.recorded, self.time, self.recorded)
-        for effect, own in active_effects(values, self.nulls()):
+        for effect, own in active_effects(self.given(values), self.nulls()):
             load = effect.load(own, load)
         return load
 
@@ -364,7 +368,7 @@ class VirtualTest:
         Also their derivatives (names, n): by values.
         """
         reference = np.asarray(self.test.blocks[block].reference, dtype=np.float64)
-        nulls, radius = self.nulls(), self.test.radius
+        nulls, radius, values = self.nulls(), self.test.radius, self.given(values)
         places = self.place(reference, active_effects(values, nulls))
 
         def seen(name: str, value: float) -> Floats:

@@ -63,7 +63,7 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
             **({} if diagnosis.kept_out is None else {"kept_out": tests[-1]}),
             "candidates": _candidates(diagnosis),
             "law": data[0].specimen.setup.law,
-            "values": {name: _values(fit) for name, fit in fits.items()},
+            "values": {name: {**diagnosis.held, **_values(fit)} for name, fit in fits.items()},
             "offsets": [offset is not None for offset in found.final.offsets],
             "budget": budget_of(diagnosis),
             "mesh_error_mm": _mesh_error(data),

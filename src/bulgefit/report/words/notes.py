@@ -20,6 +20,7 @@ def alarms_of(record: Record) -> list[str]:
 def note_items(record: Record) -> list[str]:
     """Warnings, what was not tried, noise and mesh of each test, and what looks alike."""
     items = list(record["warnings"])
+    items += [f"{name} was held at {value:g}." for name, value in record.get("held", {}).items()]
     items += [f"{effect} was not tried: {why}." for effect, why in record["skipped"].items()]
     for noise, mesh in zip(record["noise"], record["report"]["mesh"], strict=True):
         name = noise["test"]
