@@ -20,7 +20,7 @@ from bulgefit.fem.mesh import disc
 from bulgefit.fem.path import Path, linear_interpolation_bound
 from bulgefit.fem.quarter import trace_by_quarter
 from bulgefit.fem.trace import trace
-from bulgefit.fem.tracing.levels import is_between
+from bulgefit.fem.tracing.levels import Level, Tracer, is_between
 from bulgefit.fem.volume_control import Point, at_volume
 
 Floats = NDArray[np.float64]
@@ -737,6 +737,22 @@ def test_loose_cloth_leaves_levels_for_where_it_is_taut() -> None:
     path = trace(membrane, stiffness)
     assert path.error_estimate < 0.5
     assert _volumes_off(path, membrane, stiffness, [0.02, 0.1, 0.25, 0.6, 1.3, 2.2]).max() < 1e-3
+
+
+def test_a_descent_begins_where_the_potential_is_lower() -> None:
+    """At the balanced shape, whichever of the two it is; and not at one that no cloth can have."""
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    stiffness, p = orthotropic_stiffness(*CONSTANTS), 0.1
+    balanced = solve(membrane, flat_guess(membrane, p, stiffness), p, stiffness).displacement
+    flatter = 0.5 * balanced
+    for newest in (balanced, flatter):
+        tracer = Tracer(membrane, stiffness, 1e-3, False, elliptic=False)
+        level = Level(np.cbrt(p), newest, 0.0 * newest, None, 0, True, True, None)
+        tracer.levels.append(level)
+        for shape in (balanced, flatter):
+            expected = balanced if balanced is shape or balanced is newest else flatter
+            np.testing.assert_array_equal(tracer.lower(shape, np.cbrt(p)), expected)
+        np.testing.assert_array_equal(tracer.lower(np.nan * balanced, np.cbrt(p)), newest)
 
 
 def test_levels_between_others_are_looked_for_with_patience() -> None:
