@@ -1158,6 +1158,28 @@ def test_the_right_side_counts_even_where_it_leaves_a_little_more(seed: int) -> 
     assert np.cos(best.x[1] - 2.9) > 0.999
 
 
+def test_the_right_side_counts_where_the_same_model_is_worse_by_it() -> None:
+    """What is left of the wrong side is taken as its own, though the right one needs no tilt."""
+    lift, tilt = lifts([0.0] * 5).groups[0], group("tilt", [1.0, 1.0, 0.1])
+    model = freeze({"lift": 1, "tilt": 0})
+    truth = np.array([0.8, 2.9, 0.03, 0.0, 0.0, 0.0])
+    trap = np.array([0.8, 2.9 - np.pi, 0.03, 0.8 * np.cos(2.9), 0.8 * np.sin(2.9), 0.03])
+    measured = fixed(truth)[0] + np.random.default_rng(2).normal(size=160)
+
+    def fit(start: np.ndarray) -> tuple[Search, Fit]:
+        search = searched(Known([lift, tilt], measured, fixed))
+        return search, search.fit(model, start)
+
+    # as much of what the two sides differ by as makes the wrong one the better fit
+    measured = measured + 11.0 * (fixed(fit(trap)[1].x)[0] - fixed(fit(truth)[1].x)[0])
+    search, wrong = fit(trap)
+    assert np.cos(wrong.x[1] - 2.9) < -0.99
+    assert wrong.score < fit(truth)[1].score
+    best = improved(search, wrong)
+    assert best.model == freeze({"lift": 1})
+    assert np.cos(best.x[1] - 2.9) > 0.999
+
+
 def rippled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `lifted`, and a rim that rises by orders 0, 2 and 4 in proportion to the load (five)."""
     angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))
@@ -1167,16 +1189,17 @@ def rippled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value + more @ x[5:], np.concatenate([columns, more], axis=1)
 
 
+@pytest.mark.parametrize("amplitude", [0.8, 0.2])
 @pytest.mark.parametrize("side", [0.3, 1.6, -1.2, 2.9, -2.6])
-def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side):
+def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side, amplitude):
     """A lift is half a tilt and waves of even orders: beside them no side of it takes off more."""
     lift, tilt = (Owned(name) for name in ("lift", "tilt"))
-    groups = [*lifts([0.8, side, 0.0, 0.0, 0.0]).groups, group("waves", [1.0] * 5)]
-    measured = rippled(np.array([0.8, side, *np.zeros(8)]))[0]
+    groups = [*lifts([amplitude, side, 0.0, 0.0, 0.0]).groups, group("waves", [1.0] * 5)]
+    measured = rippled(np.array([amplitude, side, *np.zeros(8)]))[0]
     measured += np.random.default_rng(9).normal(size=160)
     search = searched(Known(groups, measured, rippled))
     stands = np.zeros(10)
-    stands[3:8] = 0.8 * np.array([np.cos(side) / 2, np.sin(side) / 2, 1 / np.pi, 0.0, 0.0])
+    stands[3:8] = amplitude * np.array([np.cos(side) / 2, np.sin(side) / 2, 1 / np.pi, 0.0, 0.0])
     search.fit(freeze({tilt: 0, Owned("waves"): 0}), stands)
     closely(search)
     assert search.best.model == freeze({lift: 0})
