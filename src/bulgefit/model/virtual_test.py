@@ -137,7 +137,9 @@ class VirtualTest:
 
     def __getstate__(self) -> dict[str, Any]:
         # what comes from the test, or is as soon made as sent, is made again
-        return {**self.__dict__, "_operators": {}}
+        state = {**self.__dict__, "_operators": {}}
+        state.pop("gradients", None)
+        return state
 
     @property
     def elapsed(self) -> Floats | None:
