@@ -16,7 +16,6 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"
 
 import argparse
 import platform
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import numpy as np
 
 import bulgefit
 from bulgefit.trial.make import make_test
+from made_fits import put
 
 EFFECT, SHARE = "surface_offset", "surface_offset.share"
 MODULI = ("E1", "E2", "G12")
@@ -91,10 +91,7 @@ def main() -> int:
     tests = [fits_of(seed) for seed in range(args.first, args.first + args.tests)]
     made = page(tests, f"python benchmarks/face.py --tests {args.tests} --first {args.first}")
     if args.write is not None:
-        text = args.write.read_text(encoding="utf-8")
-        old = re.compile(re.escape(BEGIN) + ".*" + re.escape(END) + "\n", re.DOTALL)
-        kept = old.sub("", text).rstrip("\n") + "\n\n"
-        args.write.write_text(kept + made, encoding="utf-8")
+        put(made, args.write)
     print(made)
     return 0
 

@@ -115,6 +115,14 @@ def page(tests: list[dict[str, Any]], command: str) -> str:
     )
 
 
+def put(section: str, page: Path) -> None:
+    """Write a section, whose first and last lines are marks, into a page; an earlier one goes."""
+    first, *_, last = section.splitlines()
+    old = re.compile(re.escape(first) + ".*" + re.escape(last) + "\n", re.DOTALL)
+    kept = old.sub("", page.read_text(encoding="utf-8")).rstrip("\n") + "\n\n"
+    page.write_text(kept + section, encoding="utf-8")
+
+
 def main() -> int:
     """Fit, print, and write the section into a page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -126,10 +134,7 @@ def main() -> int:
     tests = every(range(args.first, args.first + args.tests), args.keep)
     made = page(tests, f"python benchmarks/made_fits.py --tests {args.tests} --first {args.first}")
     if args.write is not None:
-        text = args.write.read_text(encoding="utf-8")
-        old = re.compile(re.escape(BEGIN) + ".*" + re.escape(END) + "\n", re.DOTALL)
-        kept = old.sub("", text).rstrip("\n") + "\n\n"
-        args.write.write_text(kept + made, encoding="utf-8")
+        put(made, args.write)
     print(made)
     return 0
 
