@@ -14,6 +14,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.inspect import describe
 from bulgefit.fem.mesh import disc
 from bulgefit.fitting.fit import fit
+from bulgefit.model.predict import predict
 from bulgefit.model.setup import Setup
 from bulgefit.model.simulation import simulate
 
@@ -207,9 +208,26 @@ def test_a_hole_is_no_apex_that_falls(good: BulgeTest) -> None:
 
 def test_nothing_is_said_of_a_good_test(good: BulgeTest) -> None:
     assert describe(good).warnings == ()
-    result = fit(good, starts=1, setup=QUICK)
+    result = fit(good, starts=1)
     assert result.quality.warnings == []
     assert result.report().startswith("misfit ")
+
+
+def test_what_is_no_noise_is_said_to_be_in_the_parameters(good: BulgeTest) -> None:
+    """As where the cameras see a face of the cloth and the model does not know."""
+    seen = predict(
+        good, {"E1": 330.0, "E2": 240.0, "G12": 30.0}, effects={"surface_offset.share": 0.5}
+    ).as_test()
+    noise = np.random.default_rng(5).normal(0.0, 0.005, seen.blocks[0].displacement.shape)
+
+    def noisy(arrays: Arrays) -> None:
+        arrays["displacement"] = np.asarray(seen.blocks[0].displacement) + noise
+
+    test = spoilt(good, noisy)
+    (said,) = fit(test, starts=1, bounds={"G12": (10.0, 400.0)}).quality.warnings
+    assert said.code == "model_lacks"
+    assert "bulgefit diagnose looks for it" in said.text
+    assert fit(test, starts=1, effects=("surface_offset",)).quality.warnings == []
 
 
 @pytest.mark.parametrize("frames", [1, 5])

@@ -112,8 +112,8 @@ def test_every_doubt_can_be_said() -> None:
     assert all("{" not in one.text and "}" not in one.text for one in said)
     assert said[0].text.endswith("widen --bounds E1=20:300, or hold it")
     assert [one.code for one in said] == [
-        "at_bound", "worse_than_undeformed", "explains_little", "other_optimum", "undetermined",
-        "no_start_converged", "starts_disagree",
+        "at_bound", "worse_than_undeformed", "explains_little", "model_lacks", "other_optimum",
+        "undetermined", "no_start_converged", "starts_disagree",
         "too_few_points", "inseparable", "prior_conflict", "mesh_error_unknown",
         "mesh_remainder_unknown", "mesh_error_large", "stated_unknown",
     ]  # fmt: skip

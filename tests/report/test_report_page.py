@@ -13,6 +13,7 @@ import pytest
 
 from bulgefit.dic import BulgeTest
 from bulgefit.errors import InputError
+from bulgefit.fitting.quality import Doubt
 from bulgefit.report.page.fields import MOST_TESTS, packed, thinned
 from bulgefit.report.page.of_crossval import page_of_crossval
 from bulgefit.report.page.of_diagnosis import page_of_diagnosis
@@ -187,7 +188,7 @@ def test_the_answer_of_a_fit(fitted):
     hardly["quality"]["identifiability"]["G12"] = words
     assert page_of_fit(hardly).answer.values[2].use == "no"
     lacking = deepcopy(fitted)
-    lacking["quality"]["structured_share"] = 0.9
+    lacking["quality"]["warnings"].append(Doubt.MODEL_LACKS.of(share="90").__dict__)
     answer = page_of_fit(lacking).answer
     assert (answer.tone, "bulgefit diagnose looks for it" in answer.notes[-1]) == ("care", True)
 

@@ -32,6 +32,9 @@ Floats = NDArray[np.floating]
 _WELL, _ROUGHLY, _HARDLY = 0.05, 0.25, 1.0
 #: A fit that explains less of the measured displacement leaves more than it explains.
 _LEAST_EXPLAINED = 0.5
+#: Share of the square misfit that is no noise, beyond which the model lacks more than the test is
+#: unsure of.
+_MOSTLY = 0.5
 #: Correlations above which two parameters cannot be told apart by a fit.
 _ALIKE = 0.98
 
@@ -51,6 +54,11 @@ class Doubt(Enum):
         "the fit explains only {share:.0f} % of the measured displacement, and leaves more than "
         "that: something else than a bulge of this clamp was measured (bulgefit info, "
         "bulgefit show)"
+    )
+    MODEL_LACKS = (
+        "{share} % of the square misfit is no noise: the test has something that the model has "
+        "not, and parameters may be off by more than their intervals; bulgefit diagnose looks for "
+        "it"
     )
     OTHER_OPTIMUM = (
         "{other} fit as well as {this}, and worse lies between: the data do not tell which; hold "
@@ -221,6 +229,7 @@ def quality_of(
                 for said in (*about_apex_hole(test), *about_bins(test))
             ),
             *_about_result(problem, z, bounded, explained, descents),
+            *_about_structure(structured, explained),
             *_about_errors(problem, bounded, errors, words),
             *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
@@ -273,6 +282,12 @@ def _about_result(
         yield Doubt.EXPLAINS_LITTLE.of(share=100 * explained)
     if not any(d.converged for d in descents):
         yield Doubt.NO_START_CONVERGED.of()
+
+
+def _about_structure(structured: float | None, explained: float) -> Iterator[Warned]:
+    """Whether more of what is left is structure than noise; where the fit is one at all."""
+    if structured is not None and structured > _MOSTLY and explained >= _LEAST_EXPLAINED:
+        yield Doubt.MODEL_LACKS.of(share=plain(100 * structured, 3))
 
 
 def _about_errors(

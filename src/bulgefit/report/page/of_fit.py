@@ -18,11 +18,8 @@ Result = Mapping[str, Any]
 _OF_PARAMETERS = (
     "at_bound", "inseparable", "undetermined", "starts_disagree", "mesh_error_unknown",
     "mesh_remainder_unknown", "mesh_error_large", "stated_unknown", "apex_hole", "prior_conflict",
+    "model_lacks",
 )  # fmt: skip
-#: Share of the square misfit that is no noise, from which the model lacks more than the test is
-#: unsure of.
-_LACKING = 0.5
-
 #: Correlation from which a change of one parameter is made up for by half its error in another:
 #: sqrt(1 - 0.87²) = 0.5.
 _TOGETHER = 0.87
@@ -65,9 +62,6 @@ def _answer(result: Result) -> Answer:
     usable = [v for v in values if v.use != "no"]
     rest = [v.name for v in values if v.use == "no"]
     notes = [*stop, *(w["text"] for w in warnings if w["code"] in _OF_PARAMETERS)]
-    lacking = (result["quality"]["structured_share"] or 0.0) >= _LACKING
-    if lacking:
-        notes.append(_lacks(result))
     if stop:
         return Answer("Do not use these values: the test or the fit has a fault.", "bad",
                       values, tuple(notes))  # fmt: skip
@@ -76,15 +70,6 @@ def _answer(result: Result) -> Answer:
     headline = "; ".join(filter(None, (use, dont)))
     tone = "good" if usable and not rest and not notes else "care" if usable else "bad"
     return Answer(f"{headline[0].upper()}{headline[1:]}.", tone, values, tuple(notes))
-
-
-def _lacks(result: Result) -> str:
-    share = result["quality"]["structured_share"]
-    return (
-        f"{plain(100 * share, 3)} % of the square misfit is no noise: the test has something that "
-        "the model has not, and the moduli may be off by more than their intervals. bulgefit "
-        "diagnose looks for it."
-    )
 
 
 def _value(name: str, found: Mapping[str, Any], result: Result) -> Value:
