@@ -191,6 +191,8 @@ def test_the_answer_of_a_fit(fitted):
     lacking["quality"]["warnings"].append(Doubt.MODEL_LACKS.of(share="90").__dict__)
     answer = page_of_fit(lacking).answer
     assert (answer.tone, "bulgefit diagnose looks for it" in answer.notes[-1]) == ("care", True)
+    assert answer.headline.startswith("Use only with care E1 = ")
+    assert {value.use for value in answer.values} == {"care"}
 
 
 def test_a_test_with_a_fault_gives_nothing_to_use(fitted):

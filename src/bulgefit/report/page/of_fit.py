@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from bulgefit.report.numbers import listed, value_text
@@ -13,12 +14,14 @@ __all__ = ["page_of_fit"]
 
 Result = Mapping[str, Any]
 
+#: Warning that what is left is no noise: no value is within its interval then for certain.
+_LACKS = "model_lacks"
 #: Warnings that are about one parameter, or about how sure a value is; all others say that the test
 #: or the fit cannot be used as it is.
 _OF_PARAMETERS = (
     "at_bound", "inseparable", "undetermined", "starts_disagree", "mesh_error_unknown",
     "mesh_remainder_unknown", "mesh_error_large", "stated_unknown", "apex_hole", "prior_conflict",
-    "model_lacks",
+    _LACKS,
 )  # fmt: skip
 #: Correlation from which a change of one parameter is made up for by half its error in another:
 #: sqrt(1 - 0.87²) = 0.5.
@@ -65,7 +68,11 @@ def _answer(result: Result) -> Answer:
     if stop:
         return Answer("Do not use these values: the test or the fit has a fault.", "bad",
                       values, tuple(notes))  # fmt: skip
-    use = f"use {listed([f'{v.name} = {v.text}' for v in usable])} (95 %)" if usable else ""
+    how, within = "use", "95 %"
+    if any(w["code"] == _LACKS for w in warnings):
+        how, within = "use only with care", "95 %, if the model lacked nothing"
+        values = tuple(replace(v, use="care") if v.use == "use" else v for v in values)
+    use = f"{how} {listed([f'{v.name} = {v.text}' for v in usable])} ({within})" if usable else ""
     dont = f"do not use {listed(rest)}" if rest else ""
     headline = "; ".join(filter(None, (use, dont)))
     tone = "good" if usable and not rest and not notes else "care" if usable else "bad"
