@@ -42,7 +42,9 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
     """
     group = parser.add_argument_group("effects", "what the test has that the ideal one has not")
     add_hold_argument(
-        group, "set a parameter of an effect, in its unit, as clamp_slip.compliance=0.02"
+        group,
+        "set a parameter of an effect, in its unit, as clamp_slip.compliance=0.02",
+        "every effect is absent",
     )
     group.add_argument(
         "--from",
@@ -56,15 +58,14 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
     )
 
 
-def add_hold_argument(group: argparse._ArgumentGroup, meaning: str) -> None:
+def add_hold_argument(group: argparse._ArgumentGroup, meaning: str, default: str) -> None:
     """Add --hold."""
     group.add_argument(
         "--hold",
         action="append",
         default=[],
         metavar="EFFECT.PARAMETER=VALUE",
-        help=f"{meaning}; several by commas or by giving it again (default: every effect is "
-        "absent)",
+        help=f"{meaning}; several by commas or by giving it again (default: {default})",
     )
 
 

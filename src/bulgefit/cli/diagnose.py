@@ -90,6 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         group,
         "what is known of every test: a parameter of an effect that every model has, in its unit, "
         "as surface_offset.share=0.5; its effect is not looked for",
+        "nothing is known",
     )
     _common.add_law_argument(group)
     group.add_argument(
