@@ -194,7 +194,11 @@ def test_words_of_every_verdict(found):
     assert "It looks like" in text
     silent = replace_groups(found, rest=found.explanation.remainder)
     silent.verdict = Verdict.NONE
-    assert "good to the noise" in text_of(silent)
+    assert "its moduli alone is good to the noise" in text_of(silent)
+    silent.held = {"surface_offset.share": 0.5}
+    text = text_of(silent)
+    assert "its moduli alone, beside what was held, is good to the noise" in text
+    assert "surface_offset.share was held at 0.5" in text
     (cause,) = found.causes
     split = replace(cause, alternatives=("fixture_motion",), at_bound=True, partial=True)
     ambiguous = replace(found, verdict=Verdict.AMBIGUOUS, causes=[split])

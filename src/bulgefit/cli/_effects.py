@@ -144,8 +144,9 @@ def held_by_hand(args: argparse.Namespace) -> dict[str, float]:
     for name, text in _items(args.hold, "hold"):
         if "." not in name:
             raise InputError(
-                f"--hold {name}: name an effect's parameter as EFFECT.PARAMETER; moduli are held "
-                "by equal --bounds, Poisson's ratio by --nu12"
+                f"--hold {name}: name an effect's parameter as EFFECT.PARAMETER; moduli of a fit "
+                "are held by equal --bounds, its Poisson's ratio by --nu12, that of a diagnosis "
+                "by poisson_ratio.nu12"
             )
         held[name] = _number(text, "hold", name)
     return held

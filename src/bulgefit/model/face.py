@@ -61,8 +61,8 @@ class Face:
     def slope(self, moved: Floats) -> Callable[[Floats], Floats]:
         """What takes changes (frames, n, 3) of the middle's displacement to those of what is seen.
 
-        The normal stays one: as the tangents a₁ and a₂ change, it does by -(n·δa₁) a¹ - (n·δa₂) a²,
-        with the vectors a¹ and a² that are reciprocal to them.
+        As the tangents a₁ and a₂ change, the unit normal does by -(n·δa₁) a¹ - (n·δa₂) a², with the
+        vectors a¹ and a² that are reciprocal to them.
 
         Parameters
         ----------

@@ -14,7 +14,7 @@ __all__ = ["page_of_fit"]
 
 Result = Mapping[str, Any]
 
-#: Warning that what is left is no noise: no value is within its interval then for certain.
+#: Warning that what is left is no noise: of no value it is sure then that its interval holds it.
 _LACKS = "model_lacks"
 #: Warnings that are about one parameter, or about how sure a value is; all others say that the test
 #: or the fit cannot be used as it is.

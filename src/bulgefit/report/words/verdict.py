@@ -22,7 +22,8 @@ def verdict_words(record: Record) -> str:
     causes, verdict = record["causes"], record["verdict"]
     named = called_together(record, causes)
     if verdict == Verdict.NONE:
-        return "The model with its moduli alone is good to the noise; nothing need be added."
+        held = ", beside what was held," if record.get("held") else ""
+        return f"The model with its moduli alone{held} is good to the noise; nothing need be added."
     if verdict == Verdict.NAMED:
         return f"{named} {'explains' if len(causes) == 1 else 'explain'} the gap down to the noise."
     if verdict == Verdict.AMBIGUOUS:
