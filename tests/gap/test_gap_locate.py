@@ -12,7 +12,7 @@ from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.locate import Mode, azimuthal_modes
 from bulgefit.gap.residual.structure import cells_of
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 BARS = np.linspace(0.1, 2.5, 12)
 GROWTH = {

@@ -13,7 +13,7 @@ from bulgefit.gap.data import FOLDS, Data
 from bulgefit.gap.effects import OFFSETS
 from bulgefit.gap.normal import normal_equations
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 KEYS = tuple(Key.of(name) for name in ("E1", "E2", "rigid_motion.rotation_x"))
 SIGMA = np.array([0.01, 0.02, 0.05])

@@ -24,6 +24,7 @@ from bulgefit.errors import InputError
 __all__ = [
     "GROUP",
     "acting",
+    "acts_through",
     "catalogue",
     "chosen_effects",
     "effect_named",
@@ -145,6 +146,11 @@ def parameter_named(name: str) -> Parameter:
         raise InputError(
             f"{effect.id} has no parameter {key.parameter!r}; choose from {', '.join(near)}"
         ) from None
+
+
+def acts_through(name: str, *hooks: str) -> bool:
+    """Whether a parameter (`effect.parameter`) is of an effect that has any of these hooks."""
+    return "." in name and effect_named(name.partition(".")[0]).uses(*hooks)
 
 
 def chosen_effects(names: Iterable[str] | None) -> list[Effect]:

@@ -33,7 +33,8 @@ from bulgefit.fitting.l1 import Rows, count_and_peaks
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
 from bulgefit.model.setup import Setup
-from bulgefit.model.virtual_test import Sight, virtual_tests
+from bulgefit.model.sight import Sight
+from bulgefit.model.virtual_test import virtual_tests
 
 __all__ = [
     "LIKELIHOOD",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.virtual_test import Prediction, Sight
+from bulgefit.model.sight import Prediction, Sight
 
 __all__ = ["FOLDS", "Blocks", "Data"]
 

@@ -25,7 +25,7 @@ from bulgefit.gap.level import Level
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.scatter import AXES, of_the_cloth
 from bulgefit.model.description import active_effects, cloth_law, describe
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["SECANTS", "LawTable", "law_table"]
 

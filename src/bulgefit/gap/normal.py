@@ -22,7 +22,7 @@ from scipy.linalg.blas import dsyrk
 from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import FOLDS, FRAME_BLOCKS, Data
 from bulgefit.gap.keys import by_value, columns_of, has_offsets, names_of
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["NormalEquations", "Quadratic", "normal_equations", "offsets_of", "scales"]
 

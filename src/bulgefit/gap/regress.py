@@ -16,7 +16,7 @@ from bulgefit.gap.keys import columns_of, names_of, parameter_of, specimen_value
 from bulgefit.gap.normal import NormalEquations, normal_equations, scales
 from bulgefit.gap.step import along, bounded_step
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["Regression", "regress"]
 

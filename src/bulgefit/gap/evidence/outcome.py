@@ -18,7 +18,7 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.keys import by_value, has_offsets, names_of, offsets_of_points
 from bulgefit.gap.normal import NormalEquations, Quadratic, normal_equations, offsets_of
 from bulgefit.gap.regress import Regression
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["Seen", "posterior", "regression_of", "seen_by"]
 

@@ -12,7 +12,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.problem import Layout
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["taken_up", "temper"]
 

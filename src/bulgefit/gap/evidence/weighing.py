@@ -26,7 +26,7 @@ from bulgefit.gap.evidence.misfit import Misfit
 from bulgefit.gap.evidence.problem import Columns, Group, Linearised
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
-from bulgefit.model.virtual_test import Sight
+from bulgefit.model.sight import Sight
 from bulgefit.parallel.threads import side_by_side
 
 __all__ = ["Weighing"]

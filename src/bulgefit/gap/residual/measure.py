@@ -14,7 +14,7 @@ from bulgefit.gap.keys import by_value, has_offsets, names_of, specimen_values
 from bulgefit.gap.normal import offsets_of
 from bulgefit.gap.regress import Regression
 from bulgefit.gap.step import along
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["Gap", "fitted_gap", "gap_of", "held_out_gap", "noise_gap", "weight_of"]
 

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from bulgefit.effects.parameter import Key
 from bulgefit.gap.data import Data
 from bulgefit.gap.keys import has_offsets
-from bulgefit.model.virtual_test import Prediction
+from bulgefit.model.sight import Prediction
 
 __all__ = ["Cell", "Predicted", "Structure", "cells_of", "structure"]
 
