@@ -103,9 +103,14 @@ MUTANTS = (
         SIGNS,
     ),
     Mutant("effects/surface_offset.py", 'return own["share"]', 'return -own["share"]', SIGNS),
-    Mutant("model/face.py", "(normal - upright)", "(normal + upright)", FACE),
-    Mutant("model/face.py", "field - back[:, :1]", "field + back[:, :1]", FACE),
-    Mutant("model/face.py", "np.cross(normal, a) / area", "np.cross(a, normal) / area", FACE),
+    Mutant("model/face.py", "now.normal - rest.normal", "now.normal + rest.normal", FACE),
+    Mutant("model/face.py", "rest.normal - self._beside", "rest.normal + self._beside", FACE),
+    Mutant(
+        "model/face.py",
+        "np.cross(self.normal, self.a) / self.area",
+        "np.cross(self.a, self.normal) / self.area",
+        FACE,
+    ),
     Mutant(
         "model/virtual_test.py",
         "share * self.test.thickness",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -85,11 +87,15 @@ def test_slope_is_that_of_differences() -> None:
     face = of(virtual, 3.0 * np.cos(nodes[:, 0] / 50.0))
     flat = np.column_stack([nodes, np.zeros(len(nodes))])
     moved = np.stack([on_sphere(nodes, radius) - flat for radius in (90.0, 300.0)])
-    change = rng.normal(size=moved.shape)
+    change, of_rest = rng.normal(size=moved.shape), rng.normal(size=flat.shape)
     step = 1e-4
-    ends = [face.seen(moved + side * step * change) for side in (1.0, -1.0)]
-    difference = (ends[0] - ends[1]) / (2.0 * step)
-    np.testing.assert_allclose(face.slope(moved)(change), difference, atol=1e-8)
+    for rest in (None, of_rest):
+        ends = []
+        for side in (step, -step):
+            there = face if rest is None else replace(face, rest=face.rest + side * rest)
+            ends.append(there.seen(moved + side * change))
+        difference = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(face.slope(moved)(change, rest), difference, atol=1e-8)
 
 
 def test_of_no_height_it_is_the_middle() -> None:

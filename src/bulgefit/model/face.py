@@ -7,7 +7,9 @@ point of the face stands off it by h along the normal (Kirchhoff's hypothesis), 
 
 with the normal n of the moved middle and N of the middle at rest. It is seen, before inflation, h N
 beside the place of the middle that it stands on; what is seen at a place is that of the middle h N
-back from there, w - h N·∇w to first order.
+back from there, to first order in h
+
+    w = u + h (n - N - N·∇u)
 """
 
 from __future__ import annotations
@@ -54,31 +56,35 @@ class Face:
         moved : (frames, n, 3) array, mm
             Displacement of the middle.
         """
-        _, normal, _ = self._turned(self.rest + moved)
-        upright, back = self._at_rest
-        return self._from(moved + self.above * (normal - upright), back)
+        return moved + self.above * self.lean(moved)
 
-    def slope(self, moved: Floats) -> Callable[[Floats], Floats]:
-        """What takes changes (frames, n, 3) of the middle's displacement to those of what is seen.
+    def lean(self, moved: Floats) -> Floats:
+        """What is seen beyond the middle's displacement, per mm that the face lies above it."""
+        now, rest = self._tangents(self.rest + moved), self._at_rest
+        return now.normal - rest.normal - self._beside.along(now.a - rest.a, now.b - rest.b)
 
-        As the tangents a₁ and a₂ change, the unit normal does by -(n·δa₁) a¹ - (n·δa₂) a², with the
-        vectors a¹ and a² that are reciprocal to them.
+    def slope(self, moved: Floats) -> Callable[..., Floats]:
+        """What takes changes of the middle to those of what is seen.
+
+        Of the middle's displacement (frames, n, 3), and of its places at rest (n, 3), if they
+        change too.
 
         Parameters
         ----------
         moved : (frames, n, 3) array, mm
             The displacement that changes.
         """
-        (a, b), normal, area = self._turned(self.rest + moved)
-        across_1 = self.above * np.cross(b, normal) / area
-        across_2 = self.above * np.cross(normal, a) / area
-        _, back = self._at_rest
+        now, rest, beside = self._tangents(self.rest + moved), self._at_rest, self._beside
 
-        def of(change: Floats) -> Floats:
-            by_1, by_2 = self._derivatives(change)
-            tilt_1 = np.einsum("fnc,fnc->fn", normal, by_1)[..., None]
-            tilt_2 = np.einsum("fnc,fnc->fn", normal, by_2)[..., None]
-            return self._from(change - tilt_1 * across_1 - tilt_2 * across_2, back)
+        def of(change: Floats, of_rest: Floats | None = None) -> Floats:
+            a, b = self._derivatives(change)
+            lean = -beside.along(a, b)
+            if of_rest is not None:
+                rest_a, rest_b = self._derivatives(of_rest[None])
+                further = self._beside_changes(rest_a, rest_b)
+                lean -= rest.turn(rest_a, rest_b) + further.along(now.a - rest.a, now.b - rest.b)
+                a, b = a + rest_a, b + rest_b
+            return change + self.above * (lean + now.turn(a, b))
 
         return of
 
@@ -87,27 +93,62 @@ class Face:
         both = applied(self.gradients, field)
         return both[:, : len(self.rest)], both[:, len(self.rest) :]
 
-    def _turned(self, place: Floats) -> tuple[tuple[Floats, Floats], Floats, Floats]:
-        """Tangents, unit normal and area (frames, n, 3 or 1) of places (frames, n, 3)."""
-        a, b = self._derivatives(place)
-        normal = np.cross(a, b)
-        area = np.linalg.norm(normal, axis=-1, keepdims=True)
-        return (a, b), normal / area, area
+    def _tangents(self, place: Floats) -> _Tangents:
+        """Of places (frames, n, 3)."""
+        return _Tangents(*self._derivatives(place))
 
     @cached_property
-    def _at_rest(self) -> tuple[Floats, Floats]:
-        """Normal (1, n, 3), and how far (n, 2) the face stands beside its place.
+    def _at_rest(self) -> _Tangents:
+        return self._tangents(self.rest[None])
 
-        That is in the mesh's coordinates.
+    @cached_property
+    def _beside(self) -> _Beside:
+        """How far the face stands beside its place at rest, per mm above it."""
+        return _Beside(self._in_plane(self._at_rest.normal))
+
+    def _beside_changes(self, a: Floats, b: Floats) -> _Beside:
+        """The same of changes (1, n, 3) of the tangents at rest."""
+        moved = self._beside.along(a, b)
+        return _Beside(self._in_plane(self._at_rest.turn(a, b) - moved))
+
+    def _in_plane(self, step: Floats) -> Floats:
+        """A step (1, n, 3) mm at rest, in the mesh's coordinates (n, 2)."""
+        tangents = self._at_rest
+        jacobian = np.stack([tangents.a[0, :, :2], tangents.b[0, :, :2]], axis=-1)
+        return np.asarray(np.linalg.solve(jacobian, step[0, :, :2, None])[..., 0])
+
+
+class _Tangents:
+    """Tangents a and b (frames, n, 3) of a surface, and its unit normal."""
+
+    def __init__(self, a: Floats, b: Floats) -> None:
+        self.a, self.b = a, b
+        across = np.cross(a, b)
+        self.area = np.linalg.norm(across, axis=-1, keepdims=True)
+        self.normal = across / self.area
+
+    def turn(self, a: Floats, b: Floats) -> Floats:
+        """Change of the unit normal as the tangents change.
+
+        It is -(n·δa) a¹ - (n·δb) a², with the vectors a¹ and a² that are reciprocal to them.
         """
-        (a, b), normal, _ = self._turned(self.rest[None])
-        jacobian = np.stack([a[0, :, :2], b[0, :, :2]], axis=-1)
-        beside = np.linalg.solve(jacobian, self.above * normal[0, :, :2, None])[..., 0]
-        return normal, np.asarray(beside, dtype=np.float64)
+        tilt_a, tilt_b = (np.einsum("fnc,fnc->fn", self.normal, x)[..., None] for x in (a, b))
+        reciprocal_a, reciprocal_b = self._reciprocal
+        return -tilt_a * reciprocal_a - tilt_b * reciprocal_b
 
-    def _from(self, field: Floats, back: Floats) -> Floats:
-        """A field (frames, n, 3) at the places that lie `back` (n, 2) from the nodes."""
-        if not back.any():
-            return field
-        by_1, by_2 = self._derivatives(field)
-        return np.asarray(field - back[:, :1] * by_1 - back[:, 1:] * by_2)
+    @cached_property
+    def _reciprocal(self) -> tuple[Floats, Floats]:
+        return np.cross(self.b, self.normal) / self.area, np.cross(self.normal, self.a) / self.area
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A step (n, 2) from each node, in the mesh's coordinates."""
+
+    step: Floats
+
+    def along(self, by_1: Floats, by_2: Floats) -> Floats:
+        """Change of a field over the step, by its derivatives (frames, n, 3)."""
+        if not self.step.any():
+            return np.zeros((1, 1, 3))
+        return self.step[:, :1] * by_1 + self.step[:, 1:] * by_2

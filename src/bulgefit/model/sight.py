@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.places import Scene
 from bulgefit.effects.registry import acts_through, effect_named, own_values
-from bulgefit.model.camera import Passage, Places, scene_of, window_of
+from bulgefit.model.camera import Passage, Places, face_of, scene_of, window_of
 from bulgefit.model.description import Active, Values, active_effects, with_value
 from bulgefit.model.inflation import LEAST_PRESSURE, Shapes
 from bulgefit.model.observation import Operators, applied
@@ -169,43 +169,46 @@ class Sight:
         return out
 
     def _of_nodes(self, name: str) -> Floats:
-        """Change (frames, n, 3) of what is seen of the nodes.
-
-        Of what turns the normals at rest, and of how far the face lies off, it is a difference.
-        """
+        """Change (frames, n, 3) of what is seen of the nodes."""
         change = self.shapes.derivative.get(name)
         own = np.zeros_like(self.middle) if change is None else _of_frames(change, self.frames)
-        if acts_through(name, "face") or (
-            self.face is not None and acts_through(name, "height", "outline")
-        ):
-            here = self.virtual.value(name, self.shapes.values)
-            ends = self.virtual.span(name, self.shapes.values)
-            below, above = (self._seen_at(name, x, self.middle + (x - here) * own) for x in ends)
-            return np.asarray((above - below) / (ends[1] - ends[0]))
-        return own if self.face is None else self._of_face(own)
+        if self.face is not None:
+            of_rest = self._of_rest(name) if acts_through(name, "height", "outline") else None
+            own = self._of_face(own, of_rest)
+        return own + self._of_distance(name) if acts_through(name, "face") else own
 
     @cached_property
-    def _of_face(self) -> Callable[[Floats], Floats]:
+    def _of_face(self) -> Callable[..., Floats]:
         """What takes changes of the middle to those of the face."""
         assert self.face is not None
         return self.face.slope(self.middle)
 
-    def _seen_at(self, name: str, value: float, middle: Floats) -> Floats:
-        """What is seen of the nodes at another value of a parameter, and the middle's field."""
-        face = self.virtual.face(with_value(self.active, name, value, self.virtual.nulls()))
-        return middle if face is None else face.seen(middle)
+    def _of_distance(self, name: str) -> Floats:
+        """Change (frames, n, 3) by a parameter that says how far off the middle the face lies."""
+        (low, below), (high, above) = self._active_at(name)
+        rate = self.virtual.test.thickness * (face_of(above) - face_of(below)) / (high - low)
+        return rate * self.virtual.face_at(self.active, 0.0).lean(self.middle)
+
+    def _of_rest(self, name: str) -> Floats:
+        """Change (n, 3) of the nodes' stress-free positions."""
+        (low, below), (high, above) = self._active_at(name)
+        return (self.virtual.at_rest(above) - self.virtual.at_rest(below)) / (high - low)
+
+    def _active_at(self, name: str) -> list[tuple[float, Active]]:
+        """Values below and above a parameter's, and the active effects there."""
+        nulls = self.virtual.nulls()
+        ends = self.virtual.span(name, self.shapes.values)
+        return [(value, with_value(self.active, name, value, nulls)) for value in ends]
 
     def _ends(self, name: str) -> tuple[list[tuple[dict[str, float], Active, Places]], float]:
         """Values, active effects and places of the points below and above a parameter's value."""
-        low, high = self.virtual.span(name, self.shapes.values)
         ends = []
-        for value in (low, high):
+        for value, active in (about := self._active_at(name)):
             values = {**self.shapes.values, name: value}
-            active = with_value(self.active, name, value, self.virtual.nulls())
             moves = name in self.moves
             places = self.virtual.place(self.reference, active) if moves else self.places
             ends.append((values, active, places))
-        return ends, high - low
+        return ends, about[1][0] - about[0][0]
 
     def _of_motion(self, name: str) -> Floats:
         """What points that move over the fabric see.

@@ -404,13 +404,19 @@ class VirtualTest:
     def face(self, active: Active) -> Face | None:
         """What the cameras see of the cloth; None where it is the middle."""
         share = face_of(active)
-        if share == 0.0:
-            return None
+        return None if share == 0.0 else self.face_at(active, share * self.test.thickness)
+
+    def face_at(self, active: Active, above: float) -> Face:
+        """The face that lies so far (mm) above the middle."""
+        return Face(self.gradients, self.at_rest(active), above)
+
+    def at_rest(self, active: Active) -> Floats:
+        """Stress-free positions (n, 3) mm of the nodes."""
         axes = self.test.semi_axes
         rest = surface_of(self.mesh.nodes / axes, active, axes)
-        if rest is None:
-            rest = np.column_stack([self.mesh.nodes, np.zeros(len(self.mesh.nodes))])
-        return Face(self.gradients, rest, share * self.test.thickness)
+        if rest is not None:
+            return rest
+        return np.column_stack([self.mesh.nodes, np.zeros(len(self.mesh.nodes))])
 
     @cached_property
     def gradients(self) -> sparse.csr_array:
