@@ -125,6 +125,7 @@ def test_select_frames_and_points(made_test, made):
     assert part.n_frames == 2
     np.testing.assert_array_equal(part.pressure, made.pressure[[1, 4]])
     np.testing.assert_array_equal(part.time, [2.0, 8.0])
+    np.testing.assert_array_equal(part.select(frames=[1]).schedule, made_test.time)
     np.testing.assert_array_equal(part.blocks[0].displacement, made.displacement[[1, 4]][:, mask])
     assert part.static_displacement.shape == (3, mask.sum(), 3)
     assert part.blocks[0].frames.tolist() == [0, 1]

@@ -62,6 +62,7 @@ def test_all_frames_are_told_with_their_pressures_and_times() -> None:
     assert found is not None
     assert found.pressure == pytest.approx(RECORDED, rel=1e-9)
     assert found.time == pytest.approx(truth.time, abs=1e-6)
+    np.testing.assert_array_equal(found.schedule, found.time)
     seen, true = (test.blocks[0].displacement for test in (found, truth))
     assert np.abs(seen - true).max() < 1e-8
 

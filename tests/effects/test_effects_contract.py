@@ -215,7 +215,7 @@ def test_its_hooks_change_nothing_at_the_null(effect: Effect, specimen: VirtualT
         "thickness",
     ):
         assert getattr(changed, name) == getattr(cloth, name), name
-    load = Load(specimen.recorded, specimen.time, specimen.recorded)
+    load = Load(specimen.recorded, specimen.clock, specimen.recorded)
     np.testing.assert_array_equal(effect.load(own, load).balanced, load.balanced)
     clamping = Clamping(np.linspace(0.0, 6.0, 24), specimen.recorded)
     held = effect.clamp(own, clamping)

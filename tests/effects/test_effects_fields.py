@@ -339,8 +339,9 @@ def test_an_edge_that_gives_along_itself_is_followed():
 
 def course_of(virtual: VirtualTest) -> np.ndarray:
     """Decades of time over those of the last frame: none at the first."""
-    passed = virtual.time - virtual.time[0]
-    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.time)))
+    assert virtual.test.time is not None
+    passed = virtual.test.time - virtual.test.time[0]
+    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.test.time)))
     return np.asarray(decades / decades[-1])
 
 

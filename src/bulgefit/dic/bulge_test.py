@@ -79,6 +79,8 @@ class BulgeTest(Drawn):
     static_displacement : (m, n, 3) array, mm, or None
         Repeated images at rest, at the points of the only block: the noise alone.
     time : (frames,) array, s, or None
+    schedule : (recorded,) array, s, or None
+        Times of all frames that were recorded, also those that are left out since.
     source, checksum : str
         Where the test was read from, and the SHA-256 of what was read ("" if made in memory).
     history : tuple of str
@@ -97,9 +99,12 @@ class BulgeTest(Drawn):
     checksum: str = ""
     history: tuple[str, ...] = ()
     ellipticity: float = 0.0
+    schedule: Floats | None = None
 
     def __post_init__(self) -> None:
-        for key in ("pressure", "static_displacement", "time"):
+        if self.schedule is None:
+            object.__setattr__(self, "schedule", self.time)
+        for key in ("pressure", "static_displacement", "time", "schedule"):
             value = getattr(self, key)
             if value is not None:
                 object.__setattr__(self, key, _read_only(value))

@@ -306,6 +306,7 @@ def _test_of(test: BulgeTest, frames: Sequence[_Frame]) -> BulgeTest:
         ),
         pressure=np.array([frame.pressure for frame in frames]),
         time=None if test.time is None else np.array([frame.time for frame in frames]),
+        schedule=None,
     )
     check(made)
     return made

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from bulgefit.effects.base import Effect, Own
 from bulgefit.effects.further import Further, Told
 from bulgefit.effects.parameter import Parameter
@@ -15,7 +13,7 @@ __all__ = ["EFFECT"]
 
 
 class Creep(Effect):
-    """Stiffness falls by `rate` per decade of time since the first frame, in its intervals."""
+    """Stiffness falls by `rate` per decade of time since the first frame (`Clock.decades`)."""
 
     id = "creep"
     place = "material"
@@ -42,12 +40,9 @@ class Creep(Effect):
 
     def load(self, own: Own, load: Load) -> Load:
         """A fabric whose stiffness fell to a share c balances p as the fresh one balances p/c."""
-        if own["rate"] == 0.0 or load.time is None:
+        if own["rate"] == 0.0 or load.clock is None:
             return load
-        time = np.asarray(load.time, dtype=float)
-        step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-        elapsed = np.maximum(time - time[0], 0.0) / max(step, 1e-9)
-        return replace(load, softening=load.softening * (1.0 - own["rate"] * np.log10(1 + elapsed)))
+        return replace(load, softening=load.softening * (1.0 - own["rate"] * load.clock.decades))
 
 
 EFFECT = Creep()

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.clamp import LEAST_COMPLIANCE
 
-__all__ = ["KNEE", "LEAST_SLIP", "MOTION", "Clamping", "Cloth", "Load", "Scene", "concave"]
+__all__ = [
+    "KNEE",
+    "LEAST_SLIP",
+    "MOTION",
+    "Clamping",
+    "Clock",
+    "Cloth",
+    "Load",
+    "Scene",
+    "concave",
+]
 
 Floats = NDArray[np.float64]
 
@@ -39,6 +49,40 @@ def concave(bar: Floats, shape: float) -> Floats:
     reach, it goes on as it is.
     """
     return np.asarray(-np.expm1(-shape * bar) / shape if shape != 0.0 else bar)
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When the frames were taken.
+
+    Attributes
+    ----------
+    time : (frames,) array, s
+    schedule : (recorded,) array, s
+        Of all frames that were recorded, of which these may be some: what goes by time does not
+        depend on how many are looked at.
+    """
+
+    time: Floats
+    schedule: Floats
+
+    @property
+    def passed(self) -> Floats:
+        """Time (frames,) in s since the first frame of all."""
+        return np.asarray(self.time - self.schedule.min())
+
+    @property
+    def share(self) -> Floats:
+        """Share (frames,) of the test's time that has passed."""
+        return np.asarray(self.passed / max(float(np.ptp(self.schedule)), _INSTANT))
+
+    @property
+    def decades(self) -> Floats:
+        """Decades (frames,) of time since the first frame of all, in their median intervals."""
+        step = 1.0
+        if len(self.schedule) > 1:
+            step = max(float(np.median(np.diff(np.sort(self.schedule)))), _INSTANT)
+        return np.asarray(np.log10(1.0 + np.maximum(self.passed, 0.0) / step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +141,8 @@ class Clamping:
         Of the rim's nodes, from x.
     pressure : (frames,) array, MPa
         On the clamp.
-    time : (frames,) array or None
-        Seconds, where the test tells them.
+    clock : Clock or None
+        Where the test tells its time.
     compliance : float or None, mm per N/mm
         The rim moves inwards by this times the radial edge traction; None: it is held.
     eased : (frames,) array or None, mm per N/mm
@@ -119,7 +163,7 @@ class Clamping:
     lift: Floats | None = None
     inwards: Floats | None = None
     along: Floats | None = None
-    time: Floats | None = None
+    clock: Clock | None = None
 
     @property
     def loaded(self) -> Floats:
@@ -130,14 +174,6 @@ class Clamping:
         """
         pressure = np.maximum(self.pressure, 0.0)
         return np.asarray(np.cbrt(pressure / max(pressure.max(), _NONE)) ** 2)
-
-    @property
-    def decades(self) -> Floats | None:
-        """Decades (frames,) of time since the first frame, in median intervals of the frames."""
-        if self.time is None or len(self.time) < 2:
-            return None
-        passed, step = self.time - self.time[0], float(np.median(np.diff(self.time)))
-        return np.asarray(np.log10(1.0 + np.maximum(passed, 0.0) / max(step, _INSTANT)))
 
     def opened(self, shape: float) -> Floats:
         """How far (frames,) an edge has risen that goes up by 1 a bar at first (`concave`)."""
@@ -183,7 +219,8 @@ class Load:
     Attributes
     ----------
     recorded : (frames,) array, MPa
-    time : (frames,) array or None, s
+    clock : Clock or None
+        Where the test tells its time.
     applied : (frames,) array, MPa
         True pressure on fabric and clamp.
     softening : float or (frames,) array
@@ -192,7 +229,7 @@ class Load:
     """
 
     recorded: Floats
-    time: Floats | None
+    clock: Clock | None
     applied: Floats
     softening: Floats | float = 1.0
 

@@ -168,7 +168,7 @@ def _largest_strain(d: Data, prediction: Prediction) -> Floats:
     values = {"nu12": specimen.test.poisson_ratio, **shapes.values}
     active = active_effects(values, specimen.nulls())
     here = describe(
-        specimen.mesh, specimen.test.radius, specimen.recorded, specimen.time, values, active,
+        specimen.mesh, specimen.test.radius, specimen.recorded, specimen.clock, values, active,
         stretch=specimen.test.stretch,
     )  # fmt: skip
     flat = np.column_stack([specimen.mesh.nodes, np.zeros(len(specimen.mesh.nodes))])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
-from bulgefit.effects.places import LEAST_SLIP, Clamping, Cloth, Load
+from bulgefit.effects.places import LEAST_SLIP, Clamping, Clock, Cloth, Load
 from bulgefit.effects.registry import acting, effect_named, own_values, parameter_named
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness
@@ -159,7 +159,7 @@ def describe(
     mesh: Mesh,
     radius: float,
     recorded: Floats,
-    time: Floats | None,
+    clock: Clock | None,
     values: Values,
     active: Active,
     *,
@@ -173,7 +173,7 @@ def describe(
     Parameters
     ----------
     recorded : (frames,) array, MPa
-    time : (frames,) array, s, or None
+    clock : Clock or None
     values : mapping
         With E1, E2, G12 and nu12.
     active : list of (Effect, values)
@@ -197,7 +197,7 @@ def describe(
         return beside if changed.isdisjoint(hooks) else None
 
     scale = radius * stretch
-    load = there.load if (there := kept("load")) else _load(recorded, time, active)
+    load = there.load if (there := kept("load")) else _load(recorded, clock, active)
     if there := kept("outline", "height"):
         surface = there.fabric.surface
     else:
@@ -205,7 +205,7 @@ def describe(
     if there := kept("load", "clamp"):
         edge, eased, compliance = there.edge, there.eased, there.fabric.compliance
     else:
-        edge, eased, compliance = _clamped(mesh, load, time, active, slips=slips)
+        edge, eased, compliance = _clamped(mesh, load, clock, active, slips=slips)
     if there := kept("material"):
         fabric = replace(there.fabric, surface=surface, compliance=compliance)
         return replace(there, fabric=fabric, load=load, edge=edge, eased=eased)
@@ -220,8 +220,8 @@ def describe(
     )
 
 
-def _load(recorded: Floats, time: Floats | None, active: Active) -> Load:
-    load = Load(recorded, time, recorded)
+def _load(recorded: Floats, clock: Clock | None, active: Active) -> Load:
+    load = Load(recorded, clock, recorded)
     for effect, own in active:
         load = effect.load(own, load)
     if not (np.asarray(load.softening) > 0.0).all():
@@ -241,11 +241,11 @@ def surface_of(unit: Floats, active: Active, scale: Floats | float) -> Floats | 
 
 
 def _clamped(
-    mesh: Mesh, load: Load, time: Floats | None, active: Active, *, slips: bool
+    mesh: Mesh, load: Load, clock: Clock | None, active: Active, *, slips: bool
 ) -> tuple[Floats | None, Floats | None, float | None]:
     """Displacement of the rim's nodes, what the clamp gives more by frame, and its compliance."""
     rim = mesh.nodes[mesh.rim]
-    clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied, time=time)
+    clamping = Clamping(np.arctan2(rim[:, 1], rim[:, 0]), load.applied, clock=clock)
     for effect, own in active:
         clamping = effect.clamp(own, clamping)
     compliance = clamping.compliance

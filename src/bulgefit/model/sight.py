@@ -90,9 +90,8 @@ class Sight:
     def _scene(self, values: Values, active: Active, places: Places) -> Scene:
         load = np.maximum(self.virtual.load(values).applied, LEAST_PRESSURE)
         applied, radius = load[self.frames], self.virtual.test.radius
-        elapsed = self.virtual.elapsed
-        if elapsed is not None:
-            elapsed = elapsed[self.frames]
+        clock = self.virtual.clock
+        elapsed = None if clock is None else clock.share[self.frames]
         return scene_of(self.reference, places, applied, float(load.max()), radius, active, elapsed)
 
     def prediction(self) -> Prediction:

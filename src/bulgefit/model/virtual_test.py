@@ -23,7 +23,7 @@ from scipy import sparse
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import ends_about
-from bulgefit.effects.places import Load
+from bulgefit.effects.places import Clock, Load
 from bulgefit.effects.registry import acts_through, effect_named, own_values
 from bulgefit.errors import InputError
 from bulgefit.fem.mesh import Mesh
@@ -105,7 +105,7 @@ class VirtualTest:
         # where fields are read: stencils of a mesh that is stretched are no good ones
         self.circle = Mesh(test.on_circle(self.mesh.nodes), self.mesh.cells)
         self.recorded = np.asarray(test.pressure, dtype=np.float64)
-        self.time = None if test.time is None else np.asarray(test.time, np.float64)
+        self.clock = _clock(test)
         self.correction: Floats | None = None
         self._window: Window | None = None
         self._operators: dict[object, tuple[Operators, Places]] = {}
@@ -115,14 +115,6 @@ class VirtualTest:
         state = {**self.__dict__, "_operators": {}}
         state.pop("gradients", None)
         return state
-
-    @property
-    def elapsed(self) -> Floats | None:
-        """Share of the test's time that has passed (frames,); None where it tells no time."""
-        if self.time is None:
-            return None
-        passed = self.time - self.time.min()
-        return np.asarray(passed / max(float(passed.max()), 1e-9))
 
     def nulls(self) -> dict[str, float]:
         """Values at which the effects are absent where that is the test's own."""
@@ -252,7 +244,7 @@ class VirtualTest:
     ) -> Description:
         test = self.test
         return describe(
-            self.mesh, test.radius, self.recorded, self.time, values, active,
+            self.mesh, test.radius, self.recorded, self.clock, values, active,
             slips=slips, stretch=test.stretch, beside=beside, hooks=hooks,
         )  # fmt: skip
 
@@ -263,7 +255,7 @@ class VirtualTest:
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
-        load = Load(self.recorded, self.time, self.recorded)
+        load = Load(self.recorded, self.clock, self.recorded)
         for effect, own in active_effects(self.given(values), self.nulls()):
             load = effect.load(own, load)
         return load
@@ -450,6 +442,13 @@ def virtual_tests(
         alike.setdefault(_clamped(test), []).append(test)
     inflations = {key: Inflation.of(group, setup) for key, group in alike.items()}
     return tuple(VirtualTest(test, setup, threads, inflations[_clamped(test)]) for test in tests)
+
+
+def _clock(test: BulgeTest) -> Clock | None:
+    """When its frames were taken; None where it does not tell."""
+    if test.time is None or test.schedule is None:
+        return None
+    return Clock(np.asarray(test.time, np.float64), np.asarray(test.schedule, np.float64))
 
 
 def _clamped(test: BulgeTest) -> tuple[float, ...]:

@@ -52,9 +52,9 @@ class SlowSlipField(Field):
 
     def clamp(self, own: Own, clamping: Clamping) -> Clamping:
         """See the class."""
-        passed = clamping.decades
-        if passed is None or not any(own.values()):
+        if clamping.clock is None or not any(own.values()):
             return clamping
+        passed = clamping.clock.decades
         course = passed / max(float(passed.max()), 1e-9)
         gives = np.sum([own[f"c0_{k}"] * course**k for k in _PACES], axis=0) / _TRACTION
         if gives.any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,9 +181,9 @@ def _with_rim_points(d: Data) -> Specimen:
 def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
     specimen = d.specimen
     time = None
-    if specimen.time is not None:
+    if specimen.clock is not None:
         order = np.argsort(specimen.recorded)
-        time = np.interp(pressure, specimen.recorded[order], specimen.time[order])
+        time = np.interp(pressure, specimen.recorded[order], specimen.clock.time[order])
     made = BulgeTest.from_arrays(
         points,
         np.zeros((len(pressure), len(points), 3)),
@@ -194,7 +194,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         poisson_ratio=specimen.test.poisson_ratio,
         time=time,
     )
-    return specimen.of(made)
+    return specimen.of(replace(made, schedule=specimen.test.schedule))
 
 
 def _told(keys: Sequence[Key], by: Further) -> Floats:
