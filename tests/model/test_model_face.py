@@ -81,10 +81,11 @@ def test_a_dome_that_turns_as_a_whole() -> None:
     assert misses[1] == pytest.approx(misses[0] / 4.0, rel=0.2)
 
 
-def test_slope_is_that_of_differences() -> None:
+@pytest.mark.parametrize("high", [0.0, 3.0])
+def test_slope_is_that_of_differences(high: float) -> None:
     virtual, rng = twin(1), np.random.default_rng(4)
     nodes = virtual.mesh.nodes
-    face = of(virtual, 3.0 * np.cos(nodes[:, 0] / 50.0))
+    face = of(virtual, high * np.cos(nodes[:, 0] / 50.0))
     flat = np.column_stack([nodes, np.zeros(len(nodes))])
     moved = np.stack([on_sphere(nodes, radius) - flat for radius in (90.0, 300.0)])
     change, of_rest = rng.normal(size=moved.shape), rng.normal(size=flat.shape)

@@ -82,7 +82,8 @@ class Face:
             if of_rest is not None:
                 rest_a, rest_b = self._derivatives(of_rest[None])
                 further = self._beside_changes(rest_a, rest_b)
-                lean -= rest.turn(rest_a, rest_b) + further.along(now.a - rest.a, now.b - rest.b)
+                back = further.along(now.a - rest.a, now.b - rest.b)
+                lean = lean - rest.turn(rest_a, rest_b) - back
                 a, b = a + rest_a, b + rest_b
             return change + self.above * (lean + now.turn(a, b))
 
