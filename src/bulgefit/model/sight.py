@@ -191,7 +191,7 @@ class Sight:
     def _of_rest(self, name: str) -> Floats:
         """Change (n, 3) of the nodes' stress-free positions."""
         (low, below), (high, above) = self._active_at(name)
-        return (self.virtual.at_rest(above) - self.virtual.at_rest(below)) / (high - low)
+        return (self.virtual.stress_free(above) - self.virtual.stress_free(below)) / (high - low)
 
     def _active_at(self, name: str) -> list[tuple[float, Active]]:
         """Values below and above a parameter's, and the active effects there."""

@@ -400,9 +400,9 @@ class VirtualTest:
 
     def face_at(self, active: Active, above: float) -> Face:
         """The face that lies so far (mm) above the middle."""
-        return Face(self.gradients, self.at_rest(active), above)
+        return Face(self.gradients, self.stress_free(active), above)
 
-    def at_rest(self, active: Active) -> Floats:
+    def stress_free(self, active: Active) -> Floats:
         """Stress-free positions (n, 3) mm of the nodes."""
         axes = self.test.semi_axes
         rest = surface_of(self.mesh.nodes / axes, active, axes)
