@@ -16,13 +16,14 @@ from bulgefit.cli import trial as verb
 from bulgefit.cli.main import _Parser
 from bulgefit.errors import InputError
 from bulgefit.gap.diagnose import diagnose
+from bulgefit.gap.prepare import MOST_FRAMES
 from bulgefit.parallel.journal import Journal, journaled
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial import run as trial
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe
-from bulgefit.trial.plan import SHARES, interpolated, plan
+from bulgefit.trial.plan import SHARES, filmed_closely, interpolated, plan
 from bulgefit.trial.run import run_trial, score_folder
 from bulgefit.trial.score import score
 
@@ -100,6 +101,9 @@ def test_plan_covers_all_and_repeats():
     assert sum(SHARES.values()) == pytest.approx(1.0)
     assert len(interpolated(200, 1)) == 10
     assert interpolated(200, 1) != interpolated(200, 2)
+    assert len(closely := filmed_closely(200, 1)) == 10
+    assert all(MOST_FRAMES < frames <= 60 for frames in closely.values())
+    assert closely != filmed_closely(200, 2)
     assert sorted(plan(4, 0, ["none", "clamp_slip"])) == ["clamp_slip"] * 2 + ["none"] * 2
     for number in range(1, 12):
         assert len(plan(number, 0)) == number
@@ -180,6 +184,8 @@ def test_only_a_trial_of_all_kinds_is_audible_and_mixed():
     mixed = interpolated(40, 3)
     whole = trial._recipes(SMALL, 40, 3, whole=True)
     assert {i for i, recipe in enumerate(whole) if recipe.interpolated} == mixed
+    closely = filmed_closely(40, 3)
+    assert {i: r.frames for i, r in enumerate(whole) if r.frames != SMALL.frames} == closely
     assert len(mixed) == 2
     assert all(recipe.audible for recipe in whole)
     assert trial._recipes(SMALL, 40, 3, whole=False) == [SMALL] * 40

@@ -11,7 +11,7 @@ from bulgefit.trial.draw import KINDS
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.known import KNOWN
 
-__all__ = ["FAMILY", "KNOWN_KINDS", "SHARES", "interpolated", "plan"]
+__all__ = ["FAMILY", "KNOWN_KINDS", "SHARES", "filmed_closely", "interpolated", "plan"]
 
 #: Three tests of one cloth, diagnosed together.
 FAMILY = "family"
@@ -35,6 +35,8 @@ SHARES = {
 _GROUPS = {"one": list(KNOWN), "foreign": list(FOREIGN)}
 #: Share of tests whose frames are interpolated, of a trial of all kinds.
 _INTERPOLATED = 0.05
+#: Share of those with more frames than the others, and how many these may be.
+_CLOSELY, _FRAMES = 0.05, (30, 60)
 
 
 def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str]:
@@ -84,3 +86,11 @@ def interpolated(number: int, seed: int) -> set[int]:
     """Which tests of a trial of all kinds have frames that were interpolated."""
     rng = default_rng(SeedSequence([seed, 2]))
     return {int(i) for i in rng.permutation(number)[: round(_INTERPOLATED * number)]}
+
+
+def filmed_closely(number: int, seed: int) -> dict[int, int]:
+    """Which tests of a trial of all kinds have more frames than the others, and how many."""
+    rng = default_rng(SeedSequence([seed, 3]))
+    chosen = rng.permutation(number)[: round(_CLOSELY * number)]
+    low, high = _FRAMES
+    return {int(i): int(rng.integers(low, high, endpoint=True)) for i in chosen}

@@ -34,7 +34,7 @@ from bulgefit.trial.answer import TrialAnswer
 from bulgefit.trial.family import make_family
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe, make_test
-from bulgefit.trial.plan import FAMILY, interpolated, plan
+from bulgefit.trial.plan import FAMILY, filmed_closely, interpolated, plan
 from bulgefit.trial.score import judge, score
 
 __all__ = ["diagnose_files", "run_trial", "score_folder", "seal"]
@@ -80,7 +80,7 @@ def run_trial(
         Processes.
     recipe : Recipe, optional
         How large the tests are; in a trial of all kinds no cause is lost in the noise, and a few
-        tests have interpolated frames.
+        tests have interpolated frames, or more of them than the others.
     options : mapping, optional
         Of the diagnosis.
     diagnose : callable
@@ -132,11 +132,22 @@ def run_trial(
 
 
 def _recipes(recipe: Recipe, number: int, seed: int, *, whole: bool) -> list[Recipe]:
-    """The recipe of each test: in a trial of all kinds, audible, and a few interpolated."""
+    """The recipe of each test.
+
+    In a trial of all kinds they are audible, a few interpolated, and a few have more frames.
+    """
     if not whole:
         return [recipe] * number
-    mixed = interpolated(number, seed)
-    return [replace(recipe, audible=True, interpolated=i in mixed) for i in range(number)]
+    mixed, closely = interpolated(number, seed), filmed_closely(number, seed)
+    return [
+        replace(
+            recipe,
+            audible=True,
+            interpolated=i in mixed,
+            frames=max(recipe.frames, closely.get(i, 0)),
+        )
+        for i in range(number)
+    ]
 
 
 def score_folder(output: str | Path) -> TrialAnswer:
