@@ -321,6 +321,20 @@ def test_stiffness_falls_by_the_decade_of_frame_intervals() -> None:
         np.testing.assert_allclose(softened, expected[some], rtol=1e-12)
 
 
+def test_what_goes_by_time_is_that_of_all_frames(specimen: VirtualTest) -> None:
+    """Some of the frames alone are predicted as they are among the others."""
+    count = len(specimen.recorded)
+    test = replace(specimen.test, time=30.0 * np.arange(count) ** 1.5)
+    values = {**MODULI, "creep.rate": 0.1, "slow_slip_field.c0_1": 0.2, "drift_field.z00_1": 0.3}
+    whole = VirtualTest(test, specimen.setup).predict(values).displacement
+    for name in ("creep.rate", "slow_slip_field.c0_1", "drift_field.z00_1"):
+        without = VirtualTest(test, specimen.setup).predict({**values, name: 0.0}).displacement
+        assert np.abs(whole - without)[-1].max() > 0.05
+    some = np.arange(1, count)
+    part = VirtualTest(test.select(frames=some), specimen.setup).predict(values).displacement
+    np.testing.assert_allclose(part, whole[some], atol=1e-6)
+
+
 def test_factors_of_a_specimen_are_of_warp_and_fill(specimen: VirtualTest) -> None:
     """The same as the moduli that they multiply."""
     values = {"specimen_factor.warp": 1.1, "specimen_factor.fill": 0.9}
