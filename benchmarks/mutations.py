@@ -190,6 +190,12 @@ MUTANTS = (
         "1.0 / max(misfit",
         "fitting/test_quality.py",
     ),
+    Mutant(
+        "fitting/quality.py",
+        "size = max(abs(value - null), width)",
+        "size = min(abs(value - null), width)",
+        "fitting/test_quality.py",
+    ),
     Mutant("fitting/optima.py", "0.5 * (z + end)", "end", NEWS),
     # noise
     Mutant(

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.effects.parameter import Parameter
+from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.fit import fit
-from bulgefit.fitting.quality import Doubt, Quality
+from bulgefit.fitting.quality import Doubt, Quality, _words
 from bulgefit.model.setup import Setup
 
 Maker = Callable[..., BulgeTest]
@@ -117,3 +119,41 @@ def test_every_doubt_can_be_said() -> None:
         "too_few_points", "inseparable", "prior_conflict", "mesh_error_unknown",
         "mesh_remainder_unknown", "mesh_error_large", "stated_unknown",
     ]  # fmt: skip
+
+
+def test_an_effect_that_is_absent_is_found_to_be(make: Maker, setup: Setup) -> None:
+    """Its value is all but nothing, and its error many times that; but a small one."""
+    test = make(noise=NOISE, frames=8, points=300)
+    found = fit(test, effects=("pressure_offset",), bounds=BOUNDS, starts=1, setup=setup)
+    error, value = found.uncertainty.stderr["pressure_offset.offset"], found.effects
+    assert error is not None
+    assert error > abs(value["pressure_offset.offset"])
+    said = found.quality.identifiability["pressure_offset.offset"]
+    assert said.startswith("pressure_offset.offset is found")
+    assert said.endswith(" bar")
+    assert "cannot" not in found.report()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "said"),
+    [
+        # over its prior, 0.5 of the thickness, about its null, 0
+        ("surface_offset.share", 2e-5, 4e-4, "is found within 0.0004"),
+        ("surface_offset.share", 2e-5, 0.1, "is found roughly, within 0.1"),
+        ("surface_offset.share", 0.3, 0.45, "is hardly found: its standard error is 90 % of what"),
+        ("surface_offset.share", 0.3, 0.55, "cannot be found from this test"),
+        # over how far it is off where that is more
+        ("surface_offset.share", -4.0, 0.55, "is found roughly, within 0.55"),
+        ("surface_offset.share", 1.0, 0.55, "is hardly found: its standard error is 55 % of it"),
+        # over its value where nothing is said of a null, or no width
+        ("poisson_ratio.nu12", 0.24, 0.012, "is found within 5 %"),
+        ("E1", 300.0, 60.0, "is found roughly, within 20 %"),
+        ("E1", 0.0, 1e-9, "cannot be found from this test"),
+        ("E1", 300.0, None, "cannot be found from this test"),
+    ],
+)
+def test_how_well_something_is_found(
+    name: str, value: float, error: float | None, said: str
+) -> None:
+    parameter = parameter_named(name) if "." in name else Parameter(name, "MPa", 100.0, 400.0)
+    assert _words(parameter, value, error).startswith(f"{parameter.name} {said}")

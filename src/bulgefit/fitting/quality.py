@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -14,6 +15,7 @@ from bulgefit.dic.noise import Noise
 from bulgefit.dic.suspicions import alarms
 from bulgefit.dic.suspicions.bins import about_bins
 from bulgefit.dic.suspicions.points import about_apex_hole
+from bulgefit.effects.parameter import Parameter
 from bulgefit.fitting.beliefs import Belief
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import Objective
@@ -28,7 +30,8 @@ __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
 Floats = NDArray[np.floating]
 
-#: Relative standard errors up to which a parameter is found well, roughly, hardly.
+#: Standard errors up to which a parameter is found well, roughly, hardly: over its value, and of an
+#: effect over its distance from the null, or what it was thought to be off by where that is more.
 _WELL, _ROUGHLY, _HARDLY = 0.05, 0.25, 1.0
 #: A fit that explains less of the measured displacement leaves more than it explains.
 _LEAST_EXPLAINED = 0.5
@@ -204,10 +207,8 @@ def quality_of(
     others = elsewhere(problem, z, equal, errors.stderr)
     agreeing = len(equal) - len(others)
     noise = None if noises is None else np.min([noise.sigma for noise in noises], axis=0).tolist()
-    words = {
-        p.name: _words(p.name, problem.values(z)[p.name], errors.stderr[p.name])
-        for p in problem.free
-    }
+    values = problem.values(z)
+    words = {p.name: _words(p, values[p.name], errors.stderr[p.name]) for p in problem.free}
     return Quality(
         misfit,
         explained,
@@ -251,17 +252,28 @@ def _misfit(
     return float(np.sqrt(total / count)) if count else None
 
 
-def _words(name: str, value: float, error: float | None) -> str:
-    if error is None or value == 0.0:
+def _words(parameter: Parameter, value: float, error: float | None) -> str:
+    """How well a parameter is found.
+
+    Of an effect that is absent the value is all but nothing, however well that is known. So its
+    error is measured by what was thought possible, where its distance from the null is less.
+    """
+    name, null, width = parameter.name, parameter.null, parameter.prior
+    of_effect = null is not None and math.isfinite(width)
+    size = max(abs(value - null), width) if of_effect else abs(value)
+    if error is None or error > _HARDLY * size:
         return f"{name} cannot be found from this test"
-    share = abs(error / value)
-    if share <= _WELL:
-        return f"{name} is found within {plain(100 * share, 2)} %"
-    if share <= _ROUGHLY:
-        return f"{name} is found roughly, within {plain(100 * share, 2)} %"
-    if share <= _HARDLY:
-        return f"{name} is hardly found: its standard error is {plain(100 * share, 2)} % of it"
-    return f"{name} cannot be found from this test"
+    share = f"{plain(100 * error / size, 2)} %"
+    if error > _ROUGHLY * size:
+        of = "what was thought possible" if of_effect and size == width else "it"
+        return f"{name} is hardly found: its standard error is {share} of {of}"
+    within = f"{error:.2g}{_unit(parameter)}" if of_effect else share
+    roughly = "" if error <= _WELL * size else " roughly,"
+    return f"{name} is found{roughly} within {within}"
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
 def _about_result(
