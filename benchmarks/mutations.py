@@ -192,8 +192,8 @@ MUTANTS = (
     ),
     Mutant(
         "fitting/quality.py",
-        "size = max(abs(value - null), width)",
-        "size = min(abs(value - null), width)",
+        "size = True, max(abs(value - null), width)",
+        "size = True, min(abs(value - null), width)",
         "fitting/test_quality.py",
     ),
     Mutant("fitting/optima.py", "0.5 * (z + end)", "end", NEWS),

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from bulgefit.dic import BulgeTest, require_increasing
+from bulgefit.dic import BulgeTest, read_test, require_increasing, write_test
 from bulgefit.errors import InputError
 
 
@@ -103,6 +103,21 @@ def test_lost_components_when_turned():
     oblique = test.rotated(45).blocks[0].displacement[0, 0]
     assert np.isnan(oblique[:2]).all()
     assert oblique[2] == 3.0
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".h5"])
+def test_of_frames_that_are_written_alone_all_times_are_kept(made_test, tmp_path, suffix):
+    """What goes by time is counted by all that was recorded, also when some is read again."""
+    part, path = made_test.select(frames=[4, 1]), tmp_path / f"part{suffix}"
+    write_test(part, path)
+    again = read_test(path)
+    np.testing.assert_array_equal(again.time, [2.0, 8.0])
+    np.testing.assert_array_equal(again.schedule, made_test.time)
+    # of a whole test its own times are all there are
+    write_test(made_test, tmp_path / "whole.npz")
+    with np.load(tmp_path / "whole.npz") as file:
+        assert "time" in file
+        assert "schedule" not in file
 
 
 def test_turning_back_gives_the_test_again(made_test):

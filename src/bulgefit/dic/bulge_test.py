@@ -125,6 +125,7 @@ class BulgeTest(Drawn):
         poisson_ratio: float = 0.24,
         static_displacement: ArrayLike | None = None,
         time: ArrayLike | None = None,
+        schedule: ArrayLike | None = None,
         source: str = "",
         checksum: str = "",
         history: Sequence[str] = (),
@@ -145,6 +146,8 @@ class BulgeTest(Drawn):
         poisson_ratio : float
         static_displacement : (m, n, 3) array_like, mm, optional
         time : (frames,) array_like, s, optional
+        schedule : (recorded,) array_like, s, optional
+            Times of all frames that were recorded, where others are left out; default: `time`.
         source, checksum : str
         history : sequence of str
         ellipticity : float
@@ -177,6 +180,7 @@ class BulgeTest(Drawn):
             poisson_ratio=float(poisson_ratio),
             static_displacement=static,
             time=None if time is None else assemble.per_frame(time, "time", where),
+            schedule=None if schedule is None else assemble.per_frame(schedule, "schedule", where),
             source=source,
             checksum=checksum,
             history=tuple(history),
@@ -195,6 +199,7 @@ class BulgeTest(Drawn):
         thickness: float = 0.81,
         poisson_ratio: float = 0.24,
         time: ArrayLike | None = None,
+        schedule: ArrayLike | None = None,
         source: str = "",
         checksum: str = "",
         history: Sequence[str] = (),
@@ -213,7 +218,7 @@ class BulgeTest(Drawn):
             Reference and displacement of each frame; points without a position or without any
             measured component are dropped.
         pressure : (frames,) array_like, MPa
-        name, radius, thickness, poisson_ratio, time
+        name, radius, thickness, poisson_ratio, time, schedule
             As in `from_arrays`.
         source, checksum, history, ellipticity, crop, mends
             As in `from_arrays`.
@@ -238,6 +243,7 @@ class BulgeTest(Drawn):
             thickness=float(thickness),
             poisson_ratio=float(poisson_ratio),
             time=None if time is None else assemble.per_frame(time, "time", where),
+            schedule=None if schedule is None else assemble.per_frame(schedule, "schedule", where),
             source=source,
             checksum=checksum,
             history=tuple(history),

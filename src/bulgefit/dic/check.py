@@ -151,6 +151,11 @@ def _check_pressure(test: BulgeTest) -> None:
 
 def _check_time(test: BulgeTest) -> None:
     if test.time is None:
+        if test.schedule is not None:
+            raise InputError(
+                f"{_where(test)}: schedule tells when frames were recorded, but no time tells "
+                "which of them these are; give time too, or leave schedule out"
+            )
         return
     if len(test.time) != test.n_frames:
         raise InputError(
@@ -162,6 +167,18 @@ def _check_time(test: BulgeTest) -> None:
         raise InputError(
             f"{_where(test)}: time of frame {bad[0]} is {test.time[bad[0]]}; give it in s, or "
             "leave time out"
+        )
+    _check_schedule(test, test.time)
+
+
+def _check_schedule(test: BulgeTest, time: Floats) -> None:
+    """Times of all frames that were recorded: those of the test's own are among them."""
+    schedule = np.asarray(test.schedule)
+    within = len(schedule) and schedule.min() <= time.min() and time.max() <= schedule.max()
+    if not (within and len(schedule) >= len(time) and np.isfinite(schedule).all()):
+        raise InputError(
+            f"{_where(test)}: schedule is no list of the times of all frames that were recorded, "
+            f"in s, among them the {len(time)} of this test; correct it, or leave it out"
         )
 
 

@@ -18,7 +18,7 @@ __all__ = ["OPTIONAL", "REQUIRED", "need_memory", "recording_from"]
 REQUIRED = ("reference", "displacement", "pressure")
 OPTIONAL = (
     *("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time"),
-    *("history", "ellipticity"),
+    *("history", "ellipticity", "schedule"),
 )
 
 # Of what else a file holds, so many names are told.
@@ -86,6 +86,7 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
         poisson_ratio=_number(arrays, "poisson_ratio", where),
         static_displacement=arrays.get("static_displacement"),
         time=arrays.get("time"),
+        schedule=arrays.get("schedule"),
         history=_lines(arrays.get("history"), where),
     )
     if "frame" in arrays:

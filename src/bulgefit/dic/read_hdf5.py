@@ -25,6 +25,7 @@ _UNITS = {
     "thickness": LENGTH,
     "pressure": PRESSURE,
     "time": TIME,
+    "schedule": TIME,
     "ellipticity": PURE,
     "poisson_ratio": PURE,
     "frame": PURE,

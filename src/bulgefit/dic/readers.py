@@ -115,6 +115,7 @@ def read_test(
         "thickness": _given(thickness, recording.thickness, "thickness", path),
         "poisson_ratio": _usual(poisson_ratio, recording.poisson_ratio),
         "time": recording.time,
+        "schedule": recording.schedule,
         "source": str(path),
         "checksum": recording.checksum,
         "history": recording.history,

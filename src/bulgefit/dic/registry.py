@@ -45,6 +45,8 @@ class Recording:
     poisson_ratio : float or None
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
+    schedule : (recorded,) array_like, s, or None
+        Times of all frames that were recorded, where others were left out before it was written.
     name : str or None
     pressure_unit : str
         Of the numbers in the file, one of `bulgefit.dic.units.PRESSURE`: messages speak in it.
@@ -64,6 +66,7 @@ class Recording:
     poisson_ratio: float | None = None
     static_displacement: ArrayLike | None = None
     time: ArrayLike | None = None
+    schedule: ArrayLike | None = None
     name: str | None = None
     pressure_unit: str = "MPa"
     notes: Sequence[str] = ()

@@ -25,6 +25,7 @@ _UNITS = {
     "thickness": "mm",
     "pressure": "MPa",
     "time": "s",
+    "schedule": "s",
     "ellipticity": "1",
     "poisson_ratio": "1",
     "frame": "1",
@@ -102,6 +103,8 @@ def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
         arrays["static_displacement"] = test.static_displacement
     if test.time is not None:
         arrays["time"] = test.time
+        if test.schedule is not None and not np.array_equal(test.schedule, test.time):
+            arrays["schedule"] = test.schedule
     if test.history:
         arrays["history"] = np.frombuffer("\n".join(test.history).encode(), dtype=np.uint8)
     return arrays

@@ -259,8 +259,10 @@ def _words(parameter: Parameter, value: float, error: float | None) -> str:
     error is measured by what was thought possible, where its distance from the null is less.
     """
     name, null, width = parameter.name, parameter.null, parameter.prior
-    of_effect = null is not None and math.isfinite(width)
-    size = max(abs(value - null), width) if of_effect else abs(value)
+    if null is None or math.isinf(width):
+        of_effect, size = False, abs(value)
+    else:
+        of_effect, size = True, max(abs(value - null), width)
     if error is None or error > _HARDLY * size:
         return f"{name} cannot be found from this test"
     share = f"{plain(100 * error / size, 2)} %"
