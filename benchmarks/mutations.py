@@ -405,6 +405,9 @@ MUTANTS = (
         "fem/test_quarter.py",
     ),
     Mutant("gap/evidence/hidden.py", "x[old] -= alike", "x[old] += alike", EVIDENCE),
+    Mutant(
+        "gap/evidence/closely.py", "_awake(layout, around, model, less.model)", "model", EVIDENCE
+    ),
     Mutant("gap/evidence/improve.py", " or _uncovered(search, fit, around)", "", EVIDENCE),
     Mutant("gap/evidence/improve.py", "replace(search, fits={}).fit", "search.fit", EVIDENCE),
     Mutant("gap/evidence/closely.py", "(name in turning or not fore", "(not fore", EVIDENCE),

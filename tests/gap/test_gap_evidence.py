@@ -1206,6 +1206,35 @@ def test_what_comes_from_one_side_is_found_where_waves_stand_for_it(side, amplit
     assert np.cos(search.best.x[1] - side) > 0.999
 
 
+@pytest.mark.parametrize("side", [0.3, 1.6, -2.6])
+def test_what_bends_is_found_where_others_that_bend_stand_for_it(side: float) -> None:
+    """Without its bend, of which nothing is seen where it is absent, a lift does less than they."""
+    bend = 0.1
+    angle, load = (g.ravel() for g in np.meshgrid(np.linspace(0, 6.2, 40), [0.5, 1.0, 2.0, 3.0]))
+    risen = 50.0 * (load - bend * load**2)[:, None]
+    ones = np.ones((160, 1))
+    waves = [f(m * angle)[:, None] for m in (1, 2, 4, 6) for f in (np.cos, np.sin)]
+    rigid = risen * np.hstack([*waves[:2], ones, *waves[2:]])
+
+    def seen(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, columns = lifted(np.array([*x[:3], 0.0, 0.0]))
+        return value + rigid @ x[3:], np.hstack([columns[:, :3], rigid])
+
+    lift, tilt, rest = (
+        lifts([0.0] * 5).groups[0],
+        group("tilt", [1.0] * 2),
+        group("rest", [1.0] * 7),
+    )
+    truth = np.array([0.3, side, bend])
+    measured = seen(np.array([*truth, *np.zeros(9)]))[0] + np.random.default_rng(9).normal(size=160)
+    search = searched(Known([lift, tilt, rest], measured, seen))
+    search.fit(freeze({"tilt": 0, "rest": 0}), np.zeros(12))
+    closely(search)
+    assert search.best.model == freeze({"lift": 1})
+    assert search.best.x[0] == pytest.approx(0.3, abs=0.02)
+    assert np.cos(search.best.x[1] - side) > 0.999
+
+
 @pytest.mark.parametrize("side", [0.0, 0.4, np.pi / 4, 1.9, -np.pi / 4])
 def test_beside_a_fixture_the_best_side_takes_off_half_of_what_the_right_one_does(side):
     """It has taken the mean and half of a lift, whose opposite would do as well: cos 2φ is left."""

@@ -7,12 +7,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
 from bulgefit.effects.parameter import Owned
 from bulgefit.gap.evidence.descend import Fit, descend
 from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.laplace import laplace
 from bulgefit.gap.evidence.neighbours import larger, smaller
-from bulgefit.gap.evidence.problem import Model, Problem
+from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.gap.evidence.search import GROWN, Search
 from bulgefit.parallel.journal import kept
 
@@ -114,5 +116,22 @@ def _in_place(search: Search[Kind], less: Fit, fit: Fit) -> None:
     score, model = min(((forecast(m), m) for m in more), key=lambda found: found[0])
     gain = forecast(less.model) - score
     if less.score - 2.0 * gain < fit.score:
+        model = _awake(layout, around, model, less.model)
         start = laplace(around, layout, layout.columns(model)).x
         search.fit(model, start, around.near, hope=search.hoped(fit, model, around))
+
+
+def _awake(layout: Layout, around: Linearised, model: Model, less: Model) -> Model:
+    """A model with the group that it has beyond a smaller one in the largest form alike to it.
+
+    What further coordinates of a group mean nothing where it is absent, as how a lift bends, no
+    forecast tells: without them it may do less than what it is to replace.
+    """
+    ((name, form),) = model - less
+    asleep = around.columns[np.diag(around.hessian) == 0.0]
+    own = layout.own(name, form)
+    for larger_form in reversed(range(len(layout.groups[name].shapes))):
+        whole = layout.own(name, larger_form)
+        if np.isin(own, whole).all() and np.isin(np.setdiff1d(whole, own), asleep).all():
+            return less | freeze({name: larger_form})
+    return model
