@@ -81,6 +81,12 @@ MUTANTS = (
     Mutant("effects/places.py", "(-shape * bar) / shape if", "(-shape * bar) if", SIGNS),
     Mutant("effects/places.py", "np.log10(1.0 +", "np.log(1.0 +", f"{SIGNS} {TRIAL}"),
     Mutant("effects/places.py", "np.sort(self.schedule)", "np.sort(self.time)", SIGNS),
+    Mutant(
+        "model/description.py",
+        "gives * softening - compliance",
+        "gives / softening - compliance",
+        "effects/test_effects_fields.py",
+    ),
     Mutant("effects/creep.py", '(1.0 - own["rate"]', '(1.0 + own["rate"]', f"{SIGNS} {TRIAL}"),
     Mutant("effects/poisson_ratio.py", 'nu12=own["nu12"]', 'nu12=0.5 * own["nu12"]', SIGNS),
     Mutant("effects/specimen_factor.py", 'E2=own["fill"]', 'E2=own["warp"]', SIGNS),

@@ -371,6 +371,36 @@ def test_what_gives_more_all_round_is_a_clamp_that_slips_more_in_each_frame(virt
         )
 
 
+def test_a_clamp_gives_by_the_traction_of_cloth_that_has_crept(virtual: VirtualTest):
+    """Cloth creeps and its clamp does not: in each frame as cloth of so much less stiffness."""
+    slip = {"clamp_slip.compliance": 0.02, "slow_slip_field.c0_1": 0.1}
+    crept = virtual.shapes({**VALUES, **slip, "creep.rate": 0.1})
+    assert virtual.test.time is not None
+    passed = virtual.test.time - virtual.test.time[0]
+    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.test.time)))
+    for frame, softened in enumerate(1.0 - 0.1 * decades):
+        soft = {name: softened * VALUES[name] for name in ("E1", "E2", "G12")}
+        alike = virtual.shapes({**VALUES, **soft, **slip})
+        np.testing.assert_allclose(
+            crept.displacement[frame], alike.displacement[frame], rtol=0.0, atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("name", ["creep.rate", "clamp_slip.compliance", "slow_slip_field.c0_1"])
+def test_derivatives_by_what_creeps_on_a_clamp_that_slips(virtual: VirtualTest, name: str):
+    values = {**VALUES, "creep.rate": 0.05, "clamp_slip.compliance": 0.02}
+    values["slow_slip_field.c0_1"] = 0.1
+    found = virtual.predict(values, [name]).derivative[0]
+    step = {"creep.rate": 1e-4, "clamp_slip.compliance": 1e-4, "slow_slip_field.c0_1": 1e-3}[name]
+    low, high = (
+        virtual.predict({**values, name: values[name] + way * step}).displacement
+        for way in (-1.0, 1.0)
+    )
+    by_difference = (high - low) / (2.0 * step)
+    scale = np.abs(by_difference).max()
+    np.testing.assert_allclose(found, by_difference, rtol=0.0, atol=2e-5 * scale)
+
+
 @pytest.mark.parametrize("given", [0.0, 0.15])
 def test_derivatives_by_a_slow_slip_are_those_of_differences(virtual: VirtualTest, given: float):
     values = {

@@ -251,7 +251,21 @@ def _clamped(
     compliance = clamping.compliance
     if compliance is not None or clamping.eased is not None or slips:
         compliance = max(compliance or 0.0, LEAST_SLIP)
-    return clamping.edge, clamping.eased, compliance
+    return clamping.edge, _eased(clamping.eased, compliance, load.softening), compliance
+
+
+def _eased(
+    eased: Floats | None, compliance: float | None, softening: Floats | float
+) -> Floats | None:
+    """What a clamp gives more by frame (mm per N/mm), told by the traction of a fresh fabric.
+
+    One whose stiffness fell to a share c balances p as the fresh one does p/c, under 1/c times the
+    traction that there is (`Load.softening`). What gives by the traction is told c times as much.
+    """
+    if compliance is None or np.all(softening == 1.0):
+        return eased
+    gives = compliance + (0.0 if eased is None else eased)
+    return np.asarray(gives * softening - compliance)
 
 
 def cloth_law(values: Values, nulls: Values) -> tuple[Floats, Fabric]:
