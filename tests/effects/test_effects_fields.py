@@ -337,11 +337,16 @@ def test_an_edge_that_gives_along_itself_is_followed():
     assert np.sqrt((left**2).mean() / (slip**2).mean()) < 0.012
 
 
-def course_of(virtual: VirtualTest) -> np.ndarray:
-    """Decades of time over those of the last frame: none at the first."""
+def decades_of(virtual: VirtualTest) -> np.ndarray:
+    """Of time since the first frame, in median intervals."""
     assert virtual.test.time is not None
     passed = virtual.test.time - virtual.test.time[0]
-    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.test.time)))
+    return np.log10(1.0 + passed / np.median(np.diff(virtual.test.time)))
+
+
+def course_of(virtual: VirtualTest) -> np.ndarray:
+    """Decades of time over those of the last frame: none at the first."""
+    decades = decades_of(virtual)
     return np.asarray(decades / decades[-1])
 
 
@@ -375,10 +380,7 @@ def test_a_clamp_gives_by_the_traction_of_cloth_that_has_crept(virtual: VirtualT
     """Cloth creeps and its clamp does not: in each frame as cloth of so much less stiffness."""
     slip = {"clamp_slip.compliance": 0.02, "slow_slip_field.c0_1": 0.1}
     crept = virtual.shapes({**VALUES, **slip, "creep.rate": 0.1})
-    assert virtual.test.time is not None
-    passed = virtual.test.time - virtual.test.time[0]
-    decades = np.log10(1.0 + passed / np.median(np.diff(virtual.test.time)))
-    for frame, softened in enumerate(1.0 - 0.1 * decades):
+    for frame, softened in enumerate(1.0 - 0.1 * decades_of(virtual)):
         soft = {name: softened * VALUES[name] for name in ("E1", "E2", "G12")}
         alike = virtual.shapes({**VALUES, **soft, **slip})
         np.testing.assert_allclose(

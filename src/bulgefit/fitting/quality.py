@@ -269,13 +269,10 @@ def _words(parameter: Parameter, value: float, error: float | None) -> str:
     if error > _ROUGHLY * size:
         of = "what was thought possible" if of_effect and size == width else "it"
         return f"{name} is hardly found: its standard error is {share} of {of}"
-    within = f"{error:.2g}{_unit(parameter)}" if of_effect else share
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    within = f"{error:.2g}{unit}" if of_effect else share
     roughly = "" if error <= _WELL * size else " roughly,"
     return f"{name} is found{roughly} within {within}"
-
-
-def _unit(parameter: Parameter) -> str:
-    return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
 def _about_result(
