@@ -10,7 +10,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
-__all__ = ["Drawn", "drawn_by", "number_of", "plain"]
+__all__ = ["Drawn", "after_value", "drawn_by", "number_of", "plain", "with_unit"]
 
 #: Who draws results; the roof hangs it here.
 _drawer: list[Callable[..., Any]] = []
@@ -30,6 +30,16 @@ def plain(value: float, digits: int) -> str:
 def number_of(count: int, what: str) -> str:
     """A number of things, in the singular where it is one."""
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def after_value(unit: str) -> str:
+    """A unit as it stands after a value: nothing where it is "1", that of a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
+def with_unit(name: str, unit: str) -> str:
+    """What heads a column or an axis: the name, and its unit in brackets unless that is "1"."""
+    return name if unit == "1" else f"{name} ({unit})"
 
 
 class Drawn:

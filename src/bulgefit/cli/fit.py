@@ -11,7 +11,7 @@ from bulgefit.cli import _common, _fitting, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
 from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
-from bulgefit.shown import number_of
+from bulgefit.shown import after_value, number_of
 
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
@@ -239,5 +239,4 @@ def _draw(
 def _with_unit(name: str, value: float) -> str:
     from bulgefit.fitting.result import unit_of
 
-    unit = unit_of(name)
-    return f"{name} {value:.4g}" + ("" if unit == "1" else f" {unit}")
+    return f"{name} {value:.4g}{after_value(unit_of(name))}"

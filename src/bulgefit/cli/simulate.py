@@ -19,7 +19,7 @@ from bulgefit.cli._effects import (
 )
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
-from bulgefit.shown import plain
+from bulgefit.shown import after_value, plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -372,8 +372,7 @@ def _payload(
 def _described(result: Simulation) -> str:
     parts = []
     for name, item in _common.named_values(result.material).items():
-        unit = "" if item["unit"] == "1" else f" {item['unit']}"
-        parts.append(f"{name} = {item['value']:g}{unit}")
+        parts.append(f"{name} = {item['value']:g}{after_value(item['unit'])}")
     return f"{result.membrane.law}, {', '.join(parts)}"
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES
 from bulgefit.fitting.result import unit_of
-from bulgefit.shown import Drawn
+from bulgefit.shown import Drawn, with_unit
 
 __all__ = ["CrossValidation", "Evaluation"]
 
@@ -70,7 +70,7 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
     def report(self) -> str:
         """The table to read; what ended at a bound has a star, and is said below."""
         columns, units = self._columns(), self._units()
-        heads = [n if units[n] == "1" else f"{n} ({units[n]})" for n in columns]
+        heads = [with_unit(name, units[name]) for name in columns]
         widths = [max(10, len(head) + 2) for head in heads]
         names = max(28, *(len(fold["left_out"]) + 1 for fold in self["folds"]))
         shown = (f"{head:>{width}}" for head, width in zip(heads, widths, strict=True))

@@ -15,6 +15,7 @@ from bulgefit.fitting.noise_left import noise_left
 from bulgefit.fitting.options import FitOptions
 from bulgefit.fitting.problem import Prior, Problem
 from bulgefit.fitting.uncertainty import uncertainty_of
+from bulgefit.shown import after_value
 
 __all__ = ["Belief", "beliefs_of"]
 
@@ -69,7 +70,7 @@ class Belief:
 
     def line(self, unit: str) -> str:
         """To read; `unit` is "1" where the parameter has none."""
-        shown = "" if unit == "1" else f" {unit}"
+        shown = after_value(unit)
         said = f"  prior {self.name} = {self.prior.mean:.6g} ± {self.prior.deviation:.3g}{shown}"
         if self.alone is None or self.stderr is None:
             return f"{said}; without it, {self.name} is not found"

@@ -25,7 +25,7 @@ from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.result import FitResult
-from bulgefit.shown import Drawn
+from bulgefit.shown import Drawn, after_value
 
 __all__ = ["Bootstrap", "bootstrap"]
 
@@ -103,8 +103,7 @@ class Bootstrap(Drawn, Tabled):
         ]
         for p in self.free:
             low, high = self.intervals[p.name]
-            unit = "" if p.unit == "1" else f" {p.unit}"
-            lines.append(f"  {p.name:<5}{low:>12.6g} to {high:.6g}{unit}")
+            lines.append(f"  {p.name:<5}{low:>12.6g} to {high:.6g}{after_value(p.unit)}")
         return "\n".join(lines)
 
 

@@ -24,7 +24,7 @@ from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import is_taken_off
-from bulgefit.shown import number_of, plain
+from bulgefit.shown import after_value, number_of, plain
 
 __all__ = ["Doubt", "Quality", "Warned", "quality_of"]
 
@@ -269,8 +269,7 @@ def _words(parameter: Parameter, value: float, error: float | None) -> str:
     if error > _ROUGHLY * size:
         of = "what was thought possible" if of_effect and size == width else "it"
         return f"{name} is hardly found: its standard error is {share} of {of}"
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    within = f"{error:.2g}{unit}" if of_effect else share
+    within = f"{error:.2g}{after_value(parameter.unit)}" if of_effect else share
     roughly = "" if error <= _WELL * size else " roughly,"
     return f"{name} is found{roughly} within {within}"
 

@@ -23,7 +23,7 @@ from bulgefit.fitting.quality import Quality
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import Material
 from bulgefit.model.setup import Setup
-from bulgefit.shown import Drawn, number_of
+from bulgefit.shown import Drawn, after_value, number_of
 
 __all__ = ["FORMAT", "FitResult", "Stability", "describe_tests", "unit_of", "versions"]
 
@@ -208,8 +208,8 @@ class FitResult(Drawn, Tabled):
     def report(self) -> str:
         """The result to read."""
         lines = self.quality.lines()
-        unit = "" if self._unit == "1" else f" {self._unit}"
-        lines.append(f"{self.objective} = {self.value:.6g}{unit}  ({self.material.kind})")
+        reached = f"{self.value:.6g}{after_value(self._unit)}"
+        lines.append(f"{self.objective} = {reached}  ({self.material.kind})")
         free = {p.name: p for p in self.free}
         known = {**self.material.values, **self.effects}
         width = max(5, *(len(name) for name in known)) + 1

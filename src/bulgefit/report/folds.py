@@ -10,6 +10,7 @@ from bulgefit.errors import InputError, needed
 from bulgefit.fitting.result import unit_of
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
+from bulgefit.shown import with_unit
 
 __all__ = ["plot_folds"]
 
@@ -43,8 +44,7 @@ def plot_folds(
         values = [fold["parameters"][name] for fold in each]
         panel.plot(values, rows, MARKERS[0][1], color=MARKERS[0][0])
         panel.axvline(sum(values) / len(values), color="#000000", linewidth=1)
-        unit = unit_of(name)
-        _figure.label(panel, name if unit == "1" else f"{name} ({unit})", "")
+        _figure.label(panel, with_unit(name, unit_of(name)), "")
     _draw_objectives(panels[0, -1], folds)
     for panel in panels[0]:
         panel.set_ylim(len(each) - 0.5, -0.5)

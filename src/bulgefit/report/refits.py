@@ -8,6 +8,7 @@ from typing import Any
 from bulgefit.fitting.bootstrap import Bootstrap
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
+from bulgefit.shown import with_unit
 
 __all__ = ["plot_refits"]
 
@@ -30,8 +31,7 @@ def plot_refits(
         panel.hist(values, bins="fd", color=MARKERS[0][0])
         low, high = refits.intervals[parameter.name]
         panel.axvspan(low, high, color=MARKERS[1][0], alpha=0.3, linewidth=0)
-        unit = "" if parameter.unit == "1" else f" ({parameter.unit})"
-        _figure.label(panel, f"{parameter.name}{unit}", "")
+        _figure.label(panel, with_unit(parameter.name, parameter.unit), "")
     panels[0].set_ylabel("refits", fontsize=_figure.FONT)
     figure.suptitle(f"band: {100 * refits.level:g} % interval", fontsize=_figure.FONT + 1)
     return _figure.finished(figure, path, force)

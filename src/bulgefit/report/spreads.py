@@ -11,6 +11,7 @@ from bulgefit.errors import needed
 from bulgefit.fitting.batch import Batch
 from bulgefit.report import _figure
 from bulgefit.report.profiles import MARKERS
+from bulgefit.shown import with_unit
 
 __all__ = ["check_plot", "plot_spreads"]
 
@@ -84,4 +85,4 @@ def _draw(panel: Any, batch: Batch, name: str) -> None:
         panel.axvspan(
             low, high, color="#E69F00", alpha=0.3, linewidth=0, label="one standard deviation"
         )
-    panel.set_xlabel(name if spread.unit == "1" else f"{name} ({spread.unit})")
+    panel.set_xlabel(with_unit(name, spread.unit))

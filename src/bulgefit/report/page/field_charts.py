@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from bulgefit.report.numbers import INTERVAL, value_text
 from bulgefit.report.page.charts import ticks
+from bulgefit.shown import with_unit
 
 __all__ = ["field_chart"]
 
@@ -49,8 +50,7 @@ def field_chart(found: Mapping[str, Any], semi_axes: Sequence[float]) -> dict[st
     if told is None:
         return None
     value, stderr = np.array(told["value"]), np.array(told["stderr"])
-    unit = "" if found["unit"] == "1" else f" ({found['unit']})"
-    title = f"{found['field']}: {found['quantity']}{unit}"
+    title = with_unit(f"{found['field']}: {found['quantity']}", found["unit"])
     if "x_mm" in told:
         return {"title": title, "disc": _disc(found, value, stderr, np.array(semi_axes))}
     axis = next((name for name in _AXES if name in told), None)

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from bulgefit.fitting.result import unit_of
 from bulgefit.report.numbers import CARE, USE, listed
 from bulgefit.report.page import charts
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
-from bulgefit.shown import plain
+from bulgefit.shown import after_value, plain
 
 __all__ = ["page_of_crossval"]
 
@@ -75,8 +76,7 @@ def _answer(result: Result) -> Answer:
 
 def _value(name: str, values: list[float], bounded: bool) -> Value:
     mean, spread = float(np.mean(values)), float(np.std(values, ddof=1))
-    unit = "" if name.startswith("nu") else " MPa"
-    text = f"{mean:.4g} ± {spread:.2g}{unit}"
+    text = f"{mean:.4g} ± {spread:.2g}{after_value(unit_of(name))}"
     share = spread / abs(mean) if mean else np.inf
     why = f"varies by {plain(100 * share, 2)} % over the folds"
     if bounded:

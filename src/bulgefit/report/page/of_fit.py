@@ -8,7 +8,7 @@ from typing import Any
 
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.page.blocks import Answer, Block, Page, Value
-from bulgefit.shown import plain
+from bulgefit.shown import after_value, plain
 
 __all__ = ["page_of_fit"]
 
@@ -80,23 +80,20 @@ def _answer(result: Result) -> Answer:
 
 
 def _value(name: str, found: Mapping[str, Any], result: Result) -> Value:
+    unit = after_value(found["unit"])
+    text = f"{found['value']:.4g}{unit}"
     if found["at_bound"]:
-        text = f"{found['value']:.4g}{_unit(found)}"
         return Value(
             name, text, "no", f"sits at its bound {found['lower']:g} to {found['upper']:g}"
         )
     words = result["quality"]["identifiability"].get(name, "")
     ends = found["interval95"]
     if ends is None:
-        return Value(name, f"{found['value']:.4g}{_unit(found)}", "no", "not determined")
-    text = _within(found["value"], *ends) + _unit(found)
+        return Value(name, text, "no", "not determined")
+    text = _within(found["value"], *ends) + unit
     if "hardly" in words or "cannot" in words:
         return Value(name, text, "no", words)
     return Value(name, text, "care" if "roughly" in words else "use", words)
-
-
-def _unit(found: Mapping[str, Any]) -> str:
-    return "" if found["unit"] == "1" else f" {found['unit']}"
 
 
 def _within(value: float, low: float, high: float) -> str:
@@ -111,13 +108,13 @@ def _parameter_rows(result: Result) -> tuple[tuple[str, ...], ...]:
     rows = [("parameter", "value", "standard error", "95 % interval", "how")]
     for name, p in result["parameters"].items():
         if not p["free"]:
-            rows.append((name, f"{p['value']:.6g}{_unit(p)}", "", "", "held"))
+            rows.append((name, f"{p['value']:.6g}{after_value(p['unit'])}", "", "", "held"))
             continue
         ends = p["interval95"]
         rows.append(
             (
                 name,
-                f"{p['value']:.6g}{_unit(p)}",
+                f"{p['value']:.6g}{after_value(p['unit'])}",
                 "" if p["stderr"] is None else f"{p['stderr']:.3g}",
                 "" if ends is None else f"{ends[0]:.6g} to {ends[1]:.6g}",
                 "at its bound: no result" if p["at_bound"] else "fitted",
@@ -178,7 +175,7 @@ def _more(result: Result) -> list[Block]:
         rows = [("parameter", head)]
         for name, p in found["parameters"].items():
             low, high = p["interval"]
-            rows.append((name, f"{low:.6g} to {high:.6g}{_unit(p)}"))
+            rows.append((name, f"{low:.6g} to {high:.6g}{after_value(p['unit'])}"))
         blocks += [Block("heading", ("By bootstrap",)), Block("table", rows=tuple(rows))]
     if "cross_table" in result:
         table = result["cross_table"]
@@ -199,7 +196,7 @@ def _search(result: Result) -> list[str]:
     settings, objective = result["settings"], result["objective"]
     starts = result["starts"]
     converged = sum(s["converged"] for s in starts)
-    unit = "" if objective["unit"] == "1" else f" {objective['unit']}"
+    unit = after_value(objective["unit"])
     return [
         f"{objective['name']} = {objective['value']:.6g}{unit}, law {settings['law']}, "
         f"{settings['method']}.",

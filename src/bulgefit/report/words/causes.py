@@ -10,6 +10,7 @@ from bulgefit.gap.evidence.probability import SURE
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.record import Record
 from bulgefit.report.words.names import chance_text, owned, percent_text
+from bulgefit.shown import after_value
 
 __all__ = ["evidence_words", "is_undecided", "parameter_rows"]
 
@@ -22,8 +23,8 @@ def parameter_rows(record: Record, cause: Mapping[str, Any]) -> Iterator[tuple[s
         if number == _MOST_PARAMETERS:
             yield f"{len(cause['parameters']) - number} more", "see --json"
             return
-        unit = "" if found["unit"] == "1" else f" {found['unit']}"
-        yield owned(record, name), value_text(found["value"], found["stderr"]) + unit
+        text = value_text(found["value"], found["stderr"]) + after_value(found["unit"])
+        yield owned(record, name), text
 
 
 def is_undecided(cause: Mapping[str, Any]) -> bool:

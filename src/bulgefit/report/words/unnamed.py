@@ -8,6 +8,7 @@ from typing import Any
 from bulgefit.report.numbers import listed, value_text
 from bulgefit.report.record import Record
 from bulgefit.report.words.names import chance_text, of_whom
+from bulgefit.shown import after_value
 
 __all__ = ["FIELD_COLUMNS", "field_items", "field_row", "unnamed_words"]
 
@@ -75,7 +76,7 @@ def _place(record: Record, found: Mapping[str, Any]) -> str:
     """Where a field sits, of which test, and how large it is."""
     return (
         f"the place {found['place']!r}{of_whom(record, found)} ({found['quantity']}: "
-        f"up to {found['largest']:+.3g}{_unit(found)} at {_where(found['where'])}, "
+        f"up to {found['largest']:+.3g}{after_value(found['unit'])} at {_where(found['where'])}, "
         f"{_whole(found)} on the whole)"
     )
 
@@ -83,13 +84,13 @@ def _place(record: Record, found: Mapping[str, Any]) -> str:
 def _size(found: Mapping[str, Any]) -> str:
     """The largest value and its error, which an earlier version did not write."""
     if "stderr" not in found:
-        return f"{found['largest']:+.3g}{_unit(found)}"
+        return f"{found['largest']:+.3g}{after_value(found['unit'])}"
     sign = "+" if found["largest"] > 0.0 else ""
-    return f"{sign}{value_text(found['largest'], found['stderr'])}{_unit(found)}"
+    return f"{sign}{value_text(found['largest'], found['stderr'])}{after_value(found['unit'])}"
 
 
 def _whole(found: Mapping[str, Any]) -> str:
-    return f"{found['rms']:.2g}{_unit(found)}"
+    return f"{found['rms']:.2g}{after_value(found['unit'])}"
 
 
 def _chance(found: Mapping[str, Any]) -> str:
@@ -97,7 +98,3 @@ def _chance(found: Mapping[str, Any]) -> str:
     rivals = [p for p in found["alternatives"] if p != found["place"]]
     others = f", or {listed(rivals, 'or')}" if rivals else ""
     return chance_text(found["probability"]) + others
-
-
-def _unit(found: Mapping[str, Any]) -> str:
-    return "" if found["unit"] == "1" else f" {found['unit']}"
