@@ -62,6 +62,7 @@ LAWS = "fem/test_laws.py"
 WEIGHING = "gap/test_gap_weighing.py"
 FITS = "fitting/test_inverse_fit.py"
 FACE = "model/test_model_face.py"
+WARP = "model/test_model_warp.py"
 WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -129,6 +130,14 @@ MUTANTS = (
     Mutant("effects/reference_state.py", "moved - flattened", "moved + flattened", SIGNS),
     Mutant("effects/frame_misalignment.py", "as_matrix().T", "as_matrix()", SIGNS),
     Mutant("effects/axis_misalignment.py", "cloth.angle + own", "cloth.angle - own", SIGNS),
+    Mutant("model/description.py", "points, angle=warp)", "points, angle=-warp)", WARP),
+    Mutant("fem/quarter.py", "angle=membrane.angle, fixed=kind", "angle=0.0, fixed=kind", WARP),
+    Mutant(
+        "dic/bulge_test.py",
+        "self.warp_angle + angle",
+        "self.warp_angle - angle",
+        "dic/test_dic_warp.py",
+    ),
     # what cameras see, units, elastic constants, the mesh's error
     Mutant("model/camera.py", "out, _turn(scene).swapaxes(1, 2))", "out, _turn(scene))", SIGNS),
     Mutant(

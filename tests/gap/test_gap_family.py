@@ -25,10 +25,13 @@ FACTORS = ((1.05, 0.97), (0.95, 1.03))
 SIGMA = np.array([0.006, 0.006, 0.012])
 
 
-def made(points: np.ndarray, index: int, effect: dict[str, float]) -> BulgeTest:
-    """A specimen free of the mesh's error to second order."""
+def made(
+    points: np.ndarray, index: int, effect: dict[str, float], mounted: float | None = None
+) -> BulgeTest:
+    """A specimen free of the mesh's error to second order, its warp mounted at an angle."""
     pressure = np.linspace(0.01, 0.2, 8)
-    blank = BulgeTest.from_arrays(points, np.zeros((8, len(points), 3)), pressure)
+    still = np.zeros((8, len(points), 3))
+    blank = BulgeTest.from_arrays(points, still, pressure, warp_angle=mounted)
     warp, fill = FACTORS[index]
     moduli = {**MODULI, "E1": MODULI["E1"] * warp, "E2": MODULI["E2"] * fill}
     fine, finer = (
@@ -36,7 +39,10 @@ def made(points: np.ndarray, index: int, effect: dict[str, float]) -> BulgeTest:
     )
     seen = finer + (finer - fine) / ((9 / 6) ** 2 - 1)
     noise = np.random.default_rng(index).normal(size=seen.shape) * SIGMA
-    return BulgeTest.from_arrays(points, seen + noise, pressure, name=f"specimen {index}")
+    return replace(
+        BulgeTest.from_arrays(points, seen + noise, pressure, name=f"specimen {index}"),
+        warp_angle=mounted,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +92,21 @@ def test_the_cause_is_one_specimens(told: dict[str, Any]) -> None:
     assert abs(slack["value"] - 0.004) < 4.0 * slack["stderr"]
     (warning,) = told["warnings"]
     assert warning.startswith("specimen 0: in 1 frame part of the fabric is slack and wrinkles")
+
+
+def test_a_specimen_that_was_turned_shares_the_rig(grid) -> None:
+    """The clamp stays oval along the cameras' x, and the cloth's law along its own warp."""
+    oval = {"clamp_shape.ellipticity": 0.004}
+    tests = [made(grid(11.0), 0, oval), made(grid(11.0), 1, oval, 90.0)]
+    told = diagnose(tests, effects=("clamp_shape",), same_rig=True).to_dict()
+    (cause,) = told["causes"]
+    assert (told["verdict"], cause["effect"], cause["specimen"]) == ("named", "clamp_shape", None)
+    found = cause["parameters"]["ellipticity"]
+    assert abs(found["value"] - 0.004) < 4.0 * found["stderr"] < 4e-4
+    for axis, name in enumerate(("E1", "E2")):
+        true = MODULI[name] * np.sqrt(FACTORS[0][axis] * FACTORS[1][axis])
+        value = told["parameters"]["corrected"][name]
+        assert abs(value["value"] - true) < 4.0 * value["stderr"] < 0.01 * true
 
 
 def test_advice_is_about_the_test_that_has_the_effect(found: Diagnosis) -> None:

@@ -167,7 +167,7 @@ def _steps(args: argparse.Namespace) -> list[Step]:
         steps.append(("clamp's centre to the origin", align.centred))
     if args.angle is not None:
         (angle,) = _numbers("--angle", str(args.angle), 1)
-        steps.append((f"turned by {-angle:g} degrees", lambda test: test.rotated(-angle)))
+        steps.append((f"turned by {-angle:g} degrees", lambda test: align.along_warp(test, angle)))
     if args.marks is not None:
         marks = _numbers("--marks", args.marks, 4)
         steps.append((f"warp through {args.marks}", lambda test: align.by_marks(test, marks)))

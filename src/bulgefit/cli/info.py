@@ -67,6 +67,7 @@ def _table(info: TestInfo) -> str:
         _clamp(info),
         ("thickness", f"{info.thickness:g} mm"),
         ("nu12", f"{info.poisson_ratio:g}"),
+        ("warp", _warp(info)),
         ("frames", _frames(info)),
         ("points", f"{info.n_points} distinct, {_per_frame(info)} a frame"),
         ("measured", f"{info.n_measured} over all frames, {info.n_lost} lost"),
@@ -93,6 +94,12 @@ def _clamp(info: TestInfo) -> tuple[str, str]:
         return "clamp radius", f"{info.radius:g} mm"
     along_x, along_y = info.semi_axes
     return "clamp semi-axes", f"{along_x:g} mm along x, {along_y:g} along y"
+
+
+def _warp(info: TestInfo) -> str:
+    if info.warp_angle is None:
+        return "along x, for want of a word on it"
+    return f"at {info.warp_angle:g} degree to x"
 
 
 def _frames(info: TestInfo) -> str:

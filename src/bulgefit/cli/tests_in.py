@@ -69,14 +69,22 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=2,
         metavar=("A", "B"),
-        help="semi-axes in mm, along x (warp) and y (fill), of an elliptic clamp, in the place of "
-        "its radius (default: what the file says, else a circle)",
+        help="semi-axes in mm, along x and y, of an elliptic clamp, in the place of its radius "
+        "(default: what the file says, else a circle)",
     )
     group.add_argument(
         "--thickness",
         type=float,
         metavar="MM",
         help="nominal thickness in mm (default: what the file says; 0.81 for the study's layout)",
+    )
+    group.add_argument(
+        "--warp-angle",
+        type=float,
+        metavar="DEG",
+        help="where the warp was mounted: its angle to x in degrees, counter-clockwise seen from "
+        "+z, as 90 of a specimen that was turned in the clamp (default: what the file says, "
+        "else x is the warp)",
     )
     group.add_argument(
         "--columns",
@@ -124,6 +132,7 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
         "format": args.format,
         "radius": args.radius,
         "thickness": args.thickness,
+        "warp_angle": args.warp_angle,
         "semi_axes": None if args.semi_axes is None else tuple(args.semi_axes),
     }
     for key in _OF_EXPORTS:

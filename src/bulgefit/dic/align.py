@@ -212,7 +212,12 @@ def by_marks(test: BulgeTest, marks: Sequence[float]) -> BulgeTest:
     if (x1, y1) == (x2, y2):
         raise InputError("--marks: the two marks are one point; give two on one warp yarn")
     angle = np.rad2deg(np.arctan2(y2 - y1, x2 - x1))
-    return test.rotated(-float((angle + 90) % 180 - 90))
+    return along_warp(test, float((angle + 90) % 180 - 90))
+
+
+def along_warp(test: BulgeTest, angle: float) -> BulgeTest:
+    """Turn a test about z so that x runs along the warp, which lies at an angle (degree) to it."""
+    return replace(test.rotated(-angle), warp_angle=None)
 
 
 def masked(test: BulgeTest, discs: Sequence[Sequence[float]]) -> BulgeTest:

@@ -81,6 +81,9 @@ class BulgeTest(Drawn):
     time : (frames,) array, s, or None
     schedule : (recorded,) array, s, or None
         Times of all frames that were recorded, also those that are left out since.
+    warp_angle : float, degree, or None
+        Where the warp was mounted: its angle to x, counter-clockwise seen from +z. None where
+        nothing is said of it: x is the warp, however the axes are turned.
     source, checksum : str
         Where the test was read from, and the SHA-256 of what was read ("" if made in memory).
     history : tuple of str
@@ -100,6 +103,7 @@ class BulgeTest(Drawn):
     history: tuple[str, ...] = ()
     ellipticity: float = 0.0
     schedule: Floats | None = None
+    warp_angle: float | None = None
 
     def __post_init__(self) -> None:
         if self.schedule is None:
@@ -130,6 +134,7 @@ class BulgeTest(Drawn):
         checksum: str = "",
         history: Sequence[str] = (),
         ellipticity: float = 0.0,
+        warp_angle: float | None = None,
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -151,6 +156,8 @@ class BulgeTest(Drawn):
         source, checksum : str
         history : sequence of str
         ellipticity : float
+        warp_angle : float, degree, optional
+            See the attribute.
         crop : float, mm, optional
             Points farther than this from the centre are left out before the test is checked.
         mends : sequence of callables, optional
@@ -185,6 +192,7 @@ class BulgeTest(Drawn):
             checksum=checksum,
             history=tuple(history),
             ellipticity=float(ellipticity),
+            warp_angle=None if warp_angle is None else float(warp_angle),
         )
         return test._checked(crop, mends)
 
@@ -204,6 +212,7 @@ class BulgeTest(Drawn):
         checksum: str = "",
         history: Sequence[str] = (),
         ellipticity: float = 0.0,
+        warp_angle: float | None = None,
         crop: float | None = None,
         mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
     ) -> BulgeTest:
@@ -220,7 +229,7 @@ class BulgeTest(Drawn):
         pressure : (frames,) array_like, MPa
         name, radius, thickness, poisson_ratio, time, schedule
             As in `from_arrays`.
-        source, checksum, history, ellipticity, crop, mends
+        source, checksum, history, ellipticity, warp_angle, crop, mends
             As in `from_arrays`.
 
         Raises
@@ -248,6 +257,7 @@ class BulgeTest(Drawn):
             checksum=checksum,
             history=tuple(history),
             ellipticity=float(ellipticity),
+            warp_angle=None if warp_angle is None else float(warp_angle),
         )
         return test._checked(crop, mends)
 
@@ -272,6 +282,7 @@ class BulgeTest(Drawn):
             "radius_mm": self.radius,
             "thickness_mm": self.thickness,
             "poisson_ratio": self.poisson_ratio,
+            "warp_angle_degree": self.warp_angle,
             "source": self.source,
             "sha256": self.checksum,
             "history": list(self.history),
@@ -401,8 +412,8 @@ class BulgeTest(Drawn):
     def rotated(self, angle: float) -> BulgeTest:
         """Turn the test about z, counter-clockwise seen from +z.
 
-        Where dx or dy alone was lost both are lost afterwards, unless the turn is a multiple of
-        90 degrees.
+        A `warp_angle` that was told turns with it. Where dx or dy alone was lost both are lost
+        afterwards, unless the turn is a multiple of 90 degrees.
 
         Parameters
         ----------
@@ -417,8 +428,8 @@ class BulgeTest(Drawn):
         if self.ellipticity and rest:
             raise InputError(
                 f"{self.source or self.name}: the axes of an elliptic clamp lie along x and y, so "
-                f"it turns by 90 degrees, not by {angle:g}; a warp at an angle to them is the "
-                "effect axis_misalignment"
+                f"it turns by 90 degrees, not by {angle:g}; say where the warp lies with "
+                "--warp-angle"
             )
         static = self.static_displacement
         return replace(
@@ -429,6 +440,7 @@ class BulgeTest(Drawn):
             ),
             static_displacement=None if static is None else _turn(static, angle),
             ellipticity=-self.ellipticity if quarters % 2 else self.ellipticity,
+            warp_angle=None if self.warp_angle is None else self.warp_angle + angle,
         )
 
     def select(

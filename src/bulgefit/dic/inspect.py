@@ -73,6 +73,7 @@ class TestInfo:
     thickness: float
     semi_axes: tuple[float, float] | None
     poisson_ratio: float
+    warp_angle: float | None
     n_frames: int
     n_blocks: int
     n_points: int
@@ -117,6 +118,7 @@ def describe(test: BulgeTest) -> TestInfo:
         thickness=test.thickness,
         semi_axes=(float(along_x), float(along_y)) if test.ellipticity else None,
         poisson_ratio=test.poisson_ratio,
+        warp_angle=test.warp_angle,
         n_frames=test.n_frames,
         n_blocks=len(test.blocks),
         n_points=test.n_points,

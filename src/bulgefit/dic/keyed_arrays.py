@@ -18,7 +18,7 @@ __all__ = ["OPTIONAL", "REQUIRED", "need_memory", "recording_from"]
 REQUIRED = ("reference", "displacement", "pressure")
 OPTIONAL = (
     *("frame", "radius", "thickness", "poisson_ratio", "static_displacement", "time"),
-    *("history", "ellipticity", "schedule"),
+    *("history", "ellipticity", "schedule", "warp_angle"),
 )
 
 # Of what else a file holds, so many names are told.
@@ -84,6 +84,7 @@ def recording_from(arrays: Mapping[str, NDArray[Any]], checksum: str, where: str
         thickness=_number(arrays, "thickness", where),
         ellipticity=_number(arrays, "ellipticity", where),
         poisson_ratio=_number(arrays, "poisson_ratio", where),
+        warp_angle=_number(arrays, "warp_angle", where),
         static_displacement=arrays.get("static_displacement"),
         time=arrays.get("time"),
         schedule=arrays.get("schedule"),

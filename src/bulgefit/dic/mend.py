@@ -91,6 +91,8 @@ def from_positions(test: BulgeTest) -> BulgeTest:
 def flipped(test: BulgeTest, columns: Sequence[str]) -> BulgeTest:
     """Change the sign of some of x, y, z (of the reference) and dx, dy, dz.
 
+    Where one of x and y changes in both, a warp's angle that was told changes its sign too.
+
     Raises
     ------
     InputError
@@ -98,6 +100,9 @@ def flipped(test: BulgeTest, columns: Sequence[str]) -> BulgeTest:
     """
     check_columns(columns)
     signs = np.array([-1.0 if column in columns else 1.0 for column in _COLUMNS])
+    mirrored = ({"x", "dx"} <= {*columns}) != ({"y", "dy"} <= {*columns})
+    if mirrored and test.warp_angle is not None:
+        test = replace(test, warp_angle=-test.warp_angle)
     return _changed(
         test,
         reference=lambda points: points * signs[:3],
@@ -115,12 +120,14 @@ def check_columns(columns: Sequence[str]) -> None:
 def swapped(test: BulgeTest, arrays: str) -> BulgeTest:
     """Let x and y change places in `reference`, in `displacement`, or in `all` arrays.
 
-    Where they do in all, so do the clamp's semi-axes.
+    Where they do in all, so do the clamp's semi-axes, and the warp is at its angle to y.
     """
     order = [1, 0, 2]
-    oval = -test.ellipticity if arrays == "all" else test.ellipticity
+    if arrays == "all":
+        warp = None if test.warp_angle is None else 90.0 - test.warp_angle
+        test = replace(test, ellipticity=-test.ellipticity, warp_angle=warp)
     return _changed(
-        replace(test, ellipticity=oval),
+        test,
         reference=lambda points: points if arrays == "displacement" else points[:, order],
         displacement=lambda moved, _: moved if arrays == "reference" else moved[..., order],
     )

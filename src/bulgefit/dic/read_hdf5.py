@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.hdf5_apart import HDF5_SIGNATURE, Dataset, read_apart
 from bulgefit.dic.keyed_arrays import recording_from
 from bulgefit.dic.registry import Recording, reader
-from bulgefit.dic.units import LENGTH, PRESSURE, PURE, TIME, factor
+from bulgefit.dic.units import ANGLE, LENGTH, PRESSURE, PURE, TIME, factor
 from bulgefit.errors import InputError
 from bulgefit.files import checksum_of, open_regular
 
@@ -28,6 +28,7 @@ _UNITS = {
     "schedule": TIME,
     "ellipticity": PURE,
     "poisson_ratio": PURE,
+    "warp_angle": ANGLE,
     "frame": PURE,
     "history": PURE,
 }
@@ -41,7 +42,7 @@ _UNITS = {
 def read_hdf5(path: Path) -> Recording:
     """Read the data sets of an HDF5 file, in the units of their `unit` attributes.
 
-    A data set without a unit is in mm, MPa or s.
+    A data set without a unit is in mm, MPa, s or degree.
     """
     with open_regular(path) as file:
         if file.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:

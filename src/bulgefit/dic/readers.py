@@ -51,6 +51,7 @@ def read_test(
     thickness: float | None = None,
     semi_axes: tuple[float, float] | None = None,
     poisson_ratio: float | None = None,
+    warp_angle: float | None = None,
     name: str | None = None,
     crop: float | None = None,
     mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
@@ -71,6 +72,8 @@ def read_test(
         Of an elliptic clamp, in the place of its radius.
     poisson_ratio : float, optional
         Overrides what the file says; 0.24 where neither says.
+    warp_angle : float, degree, optional
+        Of the warp from x, counter-clockwise seen from +z; overrides what the file says.
     name : str, optional
         By default the file's name without its suffix.
     crop : float, mm, optional
@@ -114,6 +117,7 @@ def read_test(
         **_clamp(radius, semi_axes, recording, path),
         "thickness": _given(thickness, recording.thickness, "thickness", path),
         "poisson_ratio": _usual(poisson_ratio, recording.poisson_ratio),
+        "warp_angle": recording.warp_angle if warp_angle is None else warp_angle,
         "time": recording.time,
         "schedule": recording.schedule,
         "source": str(path),

@@ -43,6 +43,7 @@ class Recording:
     ellipticity : float or None
         Of the clamp: its semi-axes over their mean, less 1, + along x.
     poisson_ratio : float or None
+    warp_angle : float, degree, or None
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
     schedule : (recorded,) array_like, s, or None
@@ -72,6 +73,7 @@ class Recording:
     notes: Sequence[str] = ()
     history: Sequence[str] = ()
     ellipticity: float | None = None
+    warp_angle: float | None = None
 
 
 @dataclass(frozen=True)

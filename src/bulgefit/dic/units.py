@@ -1,12 +1,13 @@
-"""How large is a unit in bulgefit's own: mm, MPa and s?"""
+"""How large is a unit in bulgefit's own: mm, MPa, s and degree?"""
 
 from __future__ import annotations
 
+import math
 import reprlib
 
 from bulgefit.errors import InputError
 
-__all__ = ["LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
+__all__ = ["ANGLE", "LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
 
 LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
 PRESSURE = {
@@ -21,17 +22,18 @@ PRESSURE = {
     "psi": 4.4482216152605 / 25.4**2,
 }
 TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
+ANGLE = {"degree": 1.0, "deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
 PURE = {"1": 1.0, "": 1.0}
 
 
 def factor(unit: str, known: dict[str, float], where: str) -> float:
-    """What a value in `unit` is multiplied by to become mm, MPa or s.
+    """What a value in `unit` is multiplied by to become mm, MPa, s or degree.
 
     Parameters
     ----------
     unit : str
     known : dict of str to float
-        `LENGTH`, `PRESSURE`, `TIME` or `PURE`.
+        `LENGTH`, `PRESSURE`, `TIME`, `ANGLE` or `PURE`.
     where : str
         File and key, for the message.
 

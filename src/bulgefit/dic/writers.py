@@ -28,6 +28,7 @@ _UNITS = {
     "schedule": "s",
     "ellipticity": "1",
     "poisson_ratio": "1",
+    "warp_angle": "degree",
     "frame": "1",
     "history": "1",
 }
@@ -99,6 +100,8 @@ def _arrays(test: BulgeTest) -> dict[str, NDArray[Any]]:
         arrays["frame"] = np.repeat(np.arange(len(frames)), [len(moved) for _, moved in frames])
     if test.ellipticity:
         arrays["ellipticity"] = np.float64(test.ellipticity)
+    if test.warp_angle is not None:
+        arrays["warp_angle"] = np.float64(test.warp_angle)
     if test.static_displacement is not None:
         arrays["static_displacement"] = test.static_displacement
     if test.time is not None:

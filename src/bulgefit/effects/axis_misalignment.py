@@ -12,11 +12,14 @@ __all__ = ["EFFECT"]
 
 
 class AxisMisalignment(Effect):
-    """The warp axis is turned from x by `angle`, counter-clockwise seen from +z."""
+    """The warp lies at `angle` to where it was meant to, counter-clockwise seen from +z.
+
+    That is x, or what the test says (`BulgeTest.warp_angle`).
+    """
 
     id = "axis_misalignment"
     place = "material"
-    meaning = "the warp axis is turned from x"
+    meaning = "the warp axis is turned from where it was meant to lie"
     remedy = "draw the warp on the fabric and turn the test's axes to it (bulgefit align)"
     parameters = (
         Parameter(
@@ -29,8 +32,6 @@ class AxisMisalignment(Effect):
             step=1e-2,
         ),
     )
-
-    turn = "angle"
 
     def material(self, own: Own, cloth: Cloth) -> Cloth:
         """See the class."""

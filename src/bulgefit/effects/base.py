@@ -56,8 +56,6 @@ class Effect:
         Why no test can tell it apart, else "".
     told : tuple of Told
         Further measurements that would tell parameters directly.
-    turn : str
-        Parameter (degree) by which the fabric is turned in the clamp, else "".
     order : int
         Among the effects of its place: lower ones act first.
     """
@@ -74,7 +72,6 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     never_separable: ClassVar[str] = ""
     told: ClassVar[tuple[Told, ...]] = ()
-    turn: ClassVar[str] = ""
     order: ClassVar[int] = 0
 
     # shape

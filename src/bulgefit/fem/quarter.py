@@ -1,6 +1,6 @@
 """Trace a quarter of a membrane where its shapes mirror in both axes.
 
-A flat disc of a fabric whose warp runs along x, evenly clamped and inflated, takes shapes that
+A flat disc of a fabric whose warp runs along x or y, evenly clamped and inflated, takes shapes that
 mirror in both axes. The displacements that keep to these mirrors, u = T v (see `ties`), are a
 quarter of all, and their tangent a sixteenth of the work. That the others stay zero asks for
 stability against them: the whole tangent falls apart into those of the four ways of being even or
@@ -30,7 +30,7 @@ from bulgefit.fem.path import Path
 from bulgefit.fem.ties import Ties
 from bulgefit.fem.trace import TOLERANCE, Traced, traced
 
-__all__ = ["Quarter", "quarter_of", "trace_by_quarter"]
+__all__ = ["Quarter", "along_axis", "quarter_of", "trace_by_quarter"]
 
 Floats = NDArray[np.float64]
 
@@ -70,8 +70,8 @@ class Quarter:
         def of_kind(kind: Membrane) -> Membrane:
             return Membrane(
                 kind.mesh, membrane.thickness, membrane.law, relaxation=membrane.relaxation,
-                fixed=kind.fixed, solver=membrane.forced, fabric=membrane.fabric, like=kind,
-                ties=kind.ties,
+                angle=membrane.angle, fixed=kind.fixed, solver=membrane.forced,
+                fabric=membrane.fabric, like=kind, ties=kind.ties,
             )  # fmt: skip
 
         return replace(self, even=of_kind(self.even), odd=tuple(of_kind(k) for k in self.odd))
@@ -185,6 +185,11 @@ _KNOWN: WeakKeyDictionary[Membrane, Quarter | None] = WeakKeyDictionary()
 _CUT: WeakKeyDictionary[LinearSolver, Quarter | None] = WeakKeyDictionary()
 
 
+def along_axis(angle: float) -> bool:
+    """Whether a warp at an angle (rad) to x runs along x or y."""
+    return angle % (0.5 * np.pi) == 0.0
+
+
 def quarter_of(membrane: Membrane) -> Quarter | None:
     """The quarter of a membrane, made once; None where its shapes need not mirror."""
     try:
@@ -197,7 +202,7 @@ def quarter_of(membrane: Membrane) -> Quarter | None:
 def _quarter_of(membrane: Membrane) -> Quarter | None:
     fabric = membrane.fabric
     uneven = fabric.surface is not None or fabric.thickness is not None or any(fabric.coupling)
-    if uneven or fabric.compliance is not None or membrane.angle != 0.0 or membrane.ties:
+    if uneven or fabric.compliance is not None or not along_axis(membrane.angle) or membrane.ties:
         return None
     try:
         first = _CUT[membrane.linear]
@@ -235,8 +240,8 @@ def _cut(membrane: Membrane) -> Quarter | None:
         held = membrane.fixed[kept] | (on[:, :, None] & (turn < 0.0)).any(axis=1)
         ties = Ties(number[first[kept]], sign[kept], share)
         return Membrane(
-            part, membrane.thickness, membrane.law, relaxation=membrane.relaxation, fixed=held,
-            solver=membrane.forced, fabric=fabric, ties=ties,
+            part, membrane.thickness, membrane.law, relaxation=membrane.relaxation,
+            angle=membrane.angle, fixed=held, solver=membrane.forced, fabric=fabric, ties=ties,
         ), sign  # fmt: skip
 
     (even, sign), *odd = (of_kind(parity) for parity in product((1.0, -1.0), repeat=2))

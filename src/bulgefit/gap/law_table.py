@@ -169,7 +169,7 @@ def _largest_strain(d: Data, prediction: Prediction) -> Floats:
     active = active_effects(values, specimen.nulls())
     here = describe(
         specimen.mesh, specimen.test.radius, specimen.recorded, specimen.clock, values, active,
-        stretch=specimen.test.stretch,
+        stretch=specimen.test.stretch, warp=specimen.test.warp_angle,
     )  # fmt: skip
     flat = np.column_stack([specimen.mesh.nodes, np.zeros(len(specimen.mesh.nodes))])
     rest = flat if here.fabric.surface is None else here.fabric.surface

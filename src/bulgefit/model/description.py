@@ -18,6 +18,7 @@ from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.geometry import SHAPE
 from bulgefit.fem.membrane import Fabric
 from bulgefit.fem.mesh import Mesh
+from bulgefit.fem.quarter import along_axis
 
 __all__ = [
     "CONSTANTS",
@@ -77,14 +78,16 @@ class Description:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the specimen is flat, even, held all round, its warp along x: shapes mirror.
+        """Whether the specimen is flat, even, held all round, its warp along an axis.
+
+        Then shapes mirror.
 
         And neither slack nor taut at rest: else paths do not begin as a flat membrane's do.
         """
         fabric = self.fabric
         uneven = fabric.surface is not None or fabric.thickness is not None or any(fabric.coupling)
         moves = not (fabric.compliance is None and self.edge is None and self.eased is None)
-        return not (uneven or moves or any(fabric.slack)) and self.angle == 0.0
+        return not (uneven or moves or any(fabric.slack)) and along_axis(self.angle)
 
     def lies_as(self, other: Description) -> bool:
         """Whether all but the law's parameters and the load is as in another one."""
@@ -165,6 +168,7 @@ def describe(
     *,
     slips: bool = False,
     stretch: Floats | float = 1.0,
+    warp: float | None = None,
     beside: Description | None = None,
     hooks: Iterable[str] = (),
 ) -> Description:
@@ -182,6 +186,8 @@ def describe(
         is that of a clamp that begins to slip.
     stretch : float or (2,) array
         The clamp's semi-axes over its radius: effects act on the disc of which it is the image.
+    warp : float, degree, optional
+        Angle to x at which the warp was mounted; effects turn it further.
     beside : Description, optional
         By other values, which act by `hooks` alone: what these do not touch is as there.
     hooks : iterable of str
@@ -209,7 +215,7 @@ def describe(
     if there := kept("material"):
         fabric = replace(there.fabric, surface=surface, compliance=compliance)
         return replace(there, fabric=fabric, load=load, edge=edge, eased=eased)
-    cloth = _cloth(values, active, gauss_points(mesh, scale))
+    cloth = _cloth(values, active, gauss_points(mesh, scale), warp or 0.0)
     return Description(
         stiffness=orthotropic_stiffness(cloth.E1, cloth.E2, cloth.G12, cloth.nu12),
         angle=float(np.deg2rad(cloth.angle)),
@@ -289,10 +295,10 @@ def cloth_law(values: Values, nulls: Values) -> tuple[Floats, Fabric]:
     return stiffness, _fabric(cloth, None, None)
 
 
-def _cloth(values: Values, active: Active, points: Floats) -> Cloth:
-    """The material's place at points (m, 4, 2) of the unit disc."""
+def _cloth(values: Values, active: Active, points: Floats, warp: float = 0.0) -> Cloth:
+    """The material's place at points (m, 4, 2) of the unit disc, its warp mounted at an angle."""
     e1, e2, g12, nu12 = (values[name] for name in CONSTANTS)
-    cloth = Cloth(e1, e2, g12, nu12, points)
+    cloth = Cloth(e1, e2, g12, nu12, points, angle=warp)
     for effect, own in active:
         cloth = effect.material(own, cloth)
     return cloth

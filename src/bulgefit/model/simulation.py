@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.frames import dataframe, labelled
-from bulgefit.effects.registry import acting
 from bulgefit.errors import InputError
 from bulgefit.fem.laws import LAWS
 from bulgefit.fem.membrane import Membrane
@@ -273,8 +272,8 @@ def simulate(
         linear_solver=linear_solver,
         correct_mesh=correct_mesh,
     )
-    virtual = _virtual(mesh, radius, ellipticity, thickness, loads, setup)
-    values = {**parameters.constants(), **_turned(as_effects(effects), angle)}
+    virtual = _virtual(mesh, radius, ellipticity, thickness, angle, loads, setup)
+    values = {**parameters.constants(), **as_effects(effects)}
     return _simulated(virtual, parameters, values, began)
 
 
@@ -321,6 +320,7 @@ def _virtual(
     radius: float,
     ellipticity: float,
     thickness: float,
+    angle: float,
     loads: Floats,
     setup: Setup,
 ) -> VirtualTest:
@@ -336,18 +336,12 @@ def _virtual(
                 "centre, with nodes inside"
             )
         radius = float(np.hypot(*mesh.nodes[mesh.rim].T).max())
-    test = BulgeTest("simulation", (), loads, radius, thickness, ellipticity=ellipticity)
+    test = BulgeTest(
+        "simulation", (), loads, radius, thickness, ellipticity=ellipticity, warp_angle=angle
+    )
     # any outline will do: there are no points that a mesh could fail to cover
     inflation = Inflation(radius, thickness, float(loads.max()), setup, ellipticity)
     return VirtualTest(test, setup, inflation=inflation)
-
-
-def _turned(effects: dict[str, float], angle: float) -> dict[str, float]:
-    """Effects with the warp turned so far (degree) beside what they turn it."""
-    if angle == 0.0:
-        return effects
-    name = next(f"{e.id}.{e.turn}" for e in acting().values() if e.turn)
-    return {**effects, name: effects.get(name, 0.0) + angle}
 
 
 def _pressures(pressure: ArrayLike) -> Floats:

@@ -245,7 +245,7 @@ class VirtualTest:
         test = self.test
         return describe(
             self.mesh, test.radius, self.recorded, self.clock, values, active,
-            slips=slips, stretch=test.stretch, beside=beside, hooks=hooks,
+            slips=slips, stretch=test.stretch, warp=test.warp_angle, beside=beside, hooks=hooks,
         )  # fmt: skip
 
     def description(self, values: Values) -> Description:

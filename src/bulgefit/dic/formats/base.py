@@ -159,6 +159,7 @@ def _read(
         radius=specimen.get("radius"),
         thickness=specimen.get("thickness"),
         poisson_ratio=specimen.get("poisson_ratio"),
+        warp_angle=specimen.get("warp_angle"),
         time=pressure.time,
         name=specimen.get("name"),
         pressure_unit=pressure.unit,

@@ -69,6 +69,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
         radius=specimen.get("radius"),
         thickness=specimen.get("thickness"),
         poisson_ratio=specimen.get("poisson_ratio"),
+        warp_angle=specimen.get("warp_angle"),
         time=time,
         name=specimen.get("name"),
         pressure_unit=unit,

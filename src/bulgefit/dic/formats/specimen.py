@@ -20,6 +20,7 @@ _KEYS = {
     "radius": "a number in mm",
     "thickness": "a number in mm",
     "poisson_ratio": "a number",
+    "warp_angle": "a number in degrees",
     "columns": 'like {"x": "X_mm"}',
 }
 

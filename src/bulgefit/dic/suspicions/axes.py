@@ -53,7 +53,7 @@ def about_axes(test: BulgeTest) -> Iterator[Suspicion]:
     motion = in_plane(test)
     if motion is not None:
         yield from _about_positions(motion)
-        yield from _about_directions(motion)
+        yield from _about_directions(motion, test.warp_angle)
 
 
 def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
@@ -71,7 +71,7 @@ def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
         )
 
 
-def _about_directions(motion: InPlane) -> Iterator[Suspicion]:
+def _about_directions(motion: InPlane, warp_angle: float | None) -> Iterator[Suspicion]:
     scores = {way: float((np.array(way) * motion.swelling).sum()) for way in _WAYS}
     way = max(scores, key=lambda key: scores[key])
     # 2 is expected of the right way, and 0 of none: below 1 none is the nearer one, and above 4 the
@@ -88,7 +88,7 @@ def _about_directions(motion: InPlane) -> Iterator[Suspicion]:
             f"bulgefit convert IN OUT {how}, or the same of the positions if these are wrong",
         )
     elif scores[way] < float(np.trace(motion.swelling)):
-        yield from _about_order(motion)
+        yield from _about_order(motion, warp_angle)
 
 
 def _shown(way: tuple[tuple[int, int], ...]) -> str:
@@ -96,16 +96,20 @@ def _shown(way: tuple[tuple[int, int], ...]) -> str:
     return f"({', '.join(names[row] for row in way)})"
 
 
-def _about_order(motion: InPlane) -> Iterator[Suspicion]:
+def _about_order(motion: InPlane, warp_angle: float | None) -> Iterator[Suspicion]:
     # on the stiffer fibres of an orthotropic membrane the in-plane motion is the smaller one:
     # so it is in bulgefit's own solutions for E1/E2 from 1/5 to 5, nu12 up to 0.45 and slack
     along, across = motion.swelling[0, 0], motion.swelling[1, 1]
     error = float(np.hypot(motion.swelling_error[0, 0], motion.swelling_error[1, 1]))
-    if along - across > _SURE * error:
+    # a warp halfway between the axes lies alike to both
+    towards_x = np.cos(2.0 * np.deg2rad(warp_angle or 0.0))
+    if (along - across) * towards_x > _SURE * error:
         yield Suspicion(
             "fill_stiffer_than_warp",
             f"the in-plane motion is {along:.2f} of an evenly strained cap's along x and "
             f"{across:.2f} along y, so that E2 will come out above E1; the data cannot tell "
             "whether warp and fill were swapped in all arrays",
-            "if the warp lies along y: bulgefit convert IN OUT --swap-xy",
+            "if the warp lies along y: bulgefit convert IN OUT --swap-xy"
+            if warp_angle is None
+            else "if the warp lies elsewhere: say where with --warp-angle",
         )

@@ -87,14 +87,14 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     size = np.array([_plausible(key) for key in keys[len(keys) - rival :]])
     here = found.final.predictions[index].shapes
     values = specimen_values(found.final.values, index)
-    base = _normal(d, d.specimen, values, keys, near=here)
+    base = _normal(d, d.specimen, values, keys, near=here, used=d.used)
     options: dict[str, Callable[[], Floats]] = {
         _ALONE: lambda: base,
         _LOW: lambda: (
             base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), values, keys, more=6)
         ),
         _RIM: lambda: base + _normal(d, _with_rim_points(d), values, keys, near=here),
-        _TURNED: lambda: base + _normal(d, d.specimen, _turned(values), keys),
+        _TURNED: lambda: base + _normal(d, _turned(d.specimen), values, keys, used=d.used),
         Further.AT_REST: lambda: base + _told(keys, Further.AT_REST),
         Further.SHAPE: lambda: base + _told(keys, Further.SHAPE),
         Further.HOLD: lambda: base + _told(keys, Further.HOLD),
@@ -142,20 +142,24 @@ def _normal(
     *,
     near: Shapes | None = None,
     more: int | None = None,
+    used: NDArray[np.bool_] | None = None,
 ) -> Floats:
-    """Normal matrix of a (further) measurement, or its first frames, with the final parameters."""
+    """Normal matrix of a (further) measurement, or its first frames, with the final parameters.
+
+    Of all its rows, or those that are `used`.
+    """
     rows = specimen.predict(values, [key.name for key in keys], near).derivative[:, :more] / d.sigma
     rows *= np.array([by_value(key.name, values) for key in keys])[:, None, None, None]
-    if specimen is d.specimen:
-        rows = np.where(d.used, rows, 0.0)
+    if used is not None:
+        rows = np.where(used, rows, 0.0)
     flat = rows.reshape(len(keys), -1)
     return flat @ flat.T / d.inflation
 
 
-def _turned(values: Mapping[str, float]) -> dict[str, float]:
-    """The same of the specimen rotated by 90°."""
-    angle = next(Key(e.id, e.turn).name for e in CATALOGUE.values() if e.turn)
-    return {**values, angle: values.get(angle, 0.0) + 90.0}
+def _turned(specimen: Specimen) -> Specimen:
+    """The specimen mounted with its warp 90° further."""
+    test = specimen.test
+    return specimen.of(replace(test, warp_angle=(test.warp_angle or 0.0) + 90.0))
 
 
 def _with_pressures(d: Data, pressure: Floats) -> Specimen:
@@ -192,6 +196,7 @@ def _elsewhere(d: Data, points: Floats, pressure: Floats) -> Specimen:
         ellipticity=specimen.test.ellipticity,
         thickness=specimen.test.thickness,
         poisson_ratio=specimen.test.poisson_ratio,
+        warp_angle=specimen.test.warp_angle,
         time=time,
     )
     return specimen.of(replace(made, schedule=specimen.test.schedule))
