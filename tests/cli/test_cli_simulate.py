@@ -130,18 +130,20 @@ def test_a_path_is_a_bulge_test(tmp_path, capsys):
     assert run(*words, "--force") == 0
 
 
-def test_the_path_of_an_elliptic_clamp(tmp_path, capsys):
-    """It is a test of that clamp, and its virtual test sees the same."""
+@pytest.mark.parametrize("angle", [0, 30])
+def test_the_path_of_an_elliptic_clamp(tmp_path, capsys, angle):
+    """It is a test of that clamp and warp, and its virtual test sees the same."""
     file, result = tmp_path / "p.npz", tmp_path / "p.json"
     soft = ["--E1", 303, "--E2", 229, "--G12", 20, "--nu12", 0.24, "--refine", 3]
     words = ["--semi-axes", 120, 80, "--pressure", 0.5, "--output", file, "--json", result]
-    assert run(*soft, *words) == 0
+    assert run(*soft, *words, "--angle", angle) == 0
     assert "semi-axes 120, 80 mm" in capsys.readouterr().out
     told = json.loads(result.read_text())
     assert told["semi_axes_mm"] == [120.0, 80.0]
     assert "radius_mm" not in told
     test = read_test(file)
     np.testing.assert_allclose(test.semi_axes, [120.0, 80.0])
+    assert test.warp_angle == (angle or None)
     moduli = {"E1": 303.0, "E2": 229.0, "G12": 20.0, "nu12": 0.24}
     seen = predict(test, moduli, setup=Setup(refine=3)).displacement
     # what is left of the mesh's error

@@ -288,14 +288,16 @@ def _clamp(args: argparse.Namespace) -> tuple[float | None, float]:
     return 0.5 * (a + b), (a - b) / (a + b)
 
 
-def _clamp_of(args: argparse.Namespace, result: Simulation) -> dict[str, Any]:
-    """Radius and ellipticity, as a bulge test keeps them."""
+def _mounted(args: argparse.Namespace, result: Simulation) -> dict[str, Any]:
+    """Radius, ellipticity and the warp's angle, as a bulge test keeps them."""
     import numpy as np
 
+    warp = {"warp_angle": np.float64(args.angle)} if args.angle else {}
     if args.semi_axes is None:
-        return {"radius": np.float64(result.membrane.radius)}
+        return {"radius": np.float64(result.membrane.radius), **warp}
     a, b = args.semi_axes
-    return {"radius": np.float64(0.5 * (a + b)), "ellipticity": np.float64((a - b) / (a + b))}
+    oval = np.float64((a - b) / (a + b))
+    return {"radius": np.float64(0.5 * (a + b)), "ellipticity": oval, **warp}
 
 
 def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
@@ -314,7 +316,7 @@ def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
         cells=result.mesh.cells,
         reference=result.membrane.reference,
         displacement=result.displacement,
-        **_clamp_of(args, result),
+        **_mounted(args, result),
         thickness=np.float64(result.membrane.thickness),
         poisson_ratio=np.float64(result.material.constants()["nu12"]),
     )
