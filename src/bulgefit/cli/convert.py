@@ -164,7 +164,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _done(args: argparse.Namespace) -> str:
     """The options that changed the numbers, as they were given."""
-    said = [f"--unit {text}" for text in args.unit]
+    said = [] if args.at_rest is None else [f"--at-rest {args.at_rest}"]
+    said += [f"--unit {text}" for text in args.unit]
     said += ["--from-positions"] if args.from_positions else []
     for name in ("swap_xy", "flip", "shift"):
         if getattr(args, name) is not None:

@@ -87,6 +87,13 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         "else x is the warp)",
     )
     group.add_argument(
+        "--at-rest",
+        type=int,
+        metavar="N",
+        help="the first N frames are images before inflation, which tell the noise (default: what "
+        "the files say, else none)",
+    )
+    group.add_argument(
         "--columns",
         metavar="x=NAME,...",
         help="what the columns x, y, z, dx, dy, dz (mm) are called in the CSV frames of a folder, "
@@ -133,6 +140,7 @@ def reader_options(args: argparse.Namespace) -> dict[str, Any]:
         "radius": args.radius,
         "thickness": args.thickness,
         "warp_angle": args.warp_angle,
+        "at_rest": args.at_rest,
         "semi_axes": None if args.semi_axes is None else tuple(args.semi_axes),
     }
     for key in _OF_EXPORTS:

@@ -12,6 +12,7 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.rim import rim_of
 from bulgefit.dic.units import LENGTH, PRESSURE, factor
 from bulgefit.errors import InputError
+from bulgefit.shown import number_of
 
 __all__ = [
     "QUANTITIES",
@@ -19,6 +20,7 @@ __all__ = [
     "check_columns",
     "flipped",
     "from_positions",
+    "images_at_rest",
     "in_unit",
     "levelled",
     "scale_of",
@@ -79,6 +81,53 @@ def scale_of(quantity: str, unit: str, taken: str) -> float:
         raise InputError(f"--unit: unknown {quantity!r}; known are {', '.join(QUANTITIES)}")
     units, where = QUANTITIES[quantity], f"--unit: {quantity}"
     return factor(unit, units, where) / factor(taken, units, where)
+
+
+def images_at_rest(test: BulgeTest, count: int) -> BulgeTest:
+    """Take the first frames for repeated images at rest: they tell the noise, and are no frames.
+
+    One that is zero all over is the reference, correlated with itself, and tells nothing.
+
+    Parameters
+    ----------
+    test : BulgeTest
+    count : int
+        Of frames.
+
+    Raises
+    ------
+    InputError
+        There are not so many beside others, they have points of their own, their pressure is above
+        that of other frames, or all are zero.
+    """
+    where = f"{test.source or test.name}: {number_of(count, 'image')} at rest"
+    if not 0 < count < test.n_frames:
+        raise InputError(f"{where}, of {number_of(test.n_frames, 'frame')}; leave some frames")
+    if len(test.blocks) > 1:
+        raise InputError(f"{where}: frames have points of their own, which no noise can be told by")
+    highest, lowest = test.pressure[:count].max(), test.pressure[count:].min()
+    if highest > lowest:
+        raise InputError(
+            f"{where}: one was taken at {10 * highest:.4g} bar, above a frame at "
+            f"{10 * lowest:.4g} bar; the images at rest stand before the others"
+        )
+    block = test.blocks[0]
+    images = block.displacement[block.frames < count]
+    images = images[np.nan_to_num(images).any(axis=(1, 2))]
+    if not len(images):
+        raise InputError(f"{where}: zero all over, hence the reference itself")
+    if test.static_displacement is not None:
+        images = np.concatenate([test.static_displacement, images])
+    kept = block.frames >= count
+    moved = Block(block.reference, block.frames[kept] - count, block.displacement[kept])
+    return replace(
+        test,
+        blocks=(moved,),
+        pressure=test.pressure[count:],
+        time=None if test.time is None else test.time[count:],
+        schedule=None,
+        static_displacement=images,
+    )
 
 
 def from_positions(test: BulgeTest) -> BulgeTest:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from bulgefit.dic.formats import (
 from bulgefit.dic.formats.plugins import load_plugins
 from bulgefit.dic.formats.source import Place, source_of
 from bulgefit.dic.hdf5_apart import one_helper
+from bulgefit.dic.mend import images_at_rest
 from bulgefit.dic.registry import READERS, Recording, choose_reader, reader, unreadable
 from bulgefit.errors import InputError
 
@@ -52,6 +54,7 @@ def read_test(
     semi_axes: tuple[float, float] | None = None,
     poisson_ratio: float | None = None,
     warp_angle: float | None = None,
+    at_rest: int | None = None,
     name: str | None = None,
     crop: float | None = None,
     mends: Sequence[Callable[[BulgeTest], BulgeTest]] = (),
@@ -74,6 +77,8 @@ def read_test(
         Overrides what the file says; 0.24 where neither says.
     warp_angle : float, degree, optional
         Of the warp from x, counter-clockwise seen from +z; overrides what the file says.
+    at_rest : int, optional
+        So many of the first frames are images before inflation; overrides what the files say.
     name : str, optional
         By default the file's name without its suffix.
     crop : float, mm, optional
@@ -112,6 +117,9 @@ def read_test(
     pressure = per_frame(recording.pressure, "pressure", str(path))
     if not mends:  # the unit itself may be what is mended; the test is checked afterwards
         check_pressure_unit(pressure, recording.pressure_unit, str(path))
+    images = recording.at_rest if at_rest is None else at_rest
+    if images:
+        mends = [partial(images_at_rest, count=images), *mends]
     common: dict[str, Any] = {
         "name": name or recording.name or path.resolve().stem,
         **_clamp(radius, semi_axes, recording, path),

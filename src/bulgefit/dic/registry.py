@@ -44,6 +44,8 @@ class Recording:
         Of the clamp: its semi-axes over their mean, less 1, + along x.
     poisson_ratio : float or None
     warp_angle : float, degree, or None
+    at_rest : int
+        So many of the first frames are images before inflation.
     static_displacement : (m, n, 3) array_like, mm, or None
     time : (frames,) array_like, s, or None
     schedule : (recorded,) array_like, s, or None
@@ -74,6 +76,7 @@ class Recording:
     history: Sequence[str] = ()
     ellipticity: float | None = None
     warp_angle: float | None = None
+    at_rest: int = 0
 
 
 @dataclass(frozen=True)

@@ -160,6 +160,7 @@ def _read(
         thickness=specimen.get("thickness"),
         poisson_ratio=specimen.get("poisson_ratio"),
         warp_angle=specimen.get("warp_angle"),
+        at_rest=int(specimen.get("at_rest", 0)),
         time=pressure.time,
         name=specimen.get("name"),
         pressure_unit=pressure.unit,

@@ -70,6 +70,7 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
         thickness=specimen.get("thickness"),
         poisson_ratio=specimen.get("poisson_ratio"),
         warp_angle=specimen.get("warp_angle"),
+        at_rest=int(specimen.get("at_rest", 0)),
         time=time,
         name=specimen.get("name"),
         pressure_unit=unit,

@@ -21,6 +21,7 @@ _KEYS = {
     "thickness": "a number in mm",
     "poisson_ratio": "a number",
     "warp_angle": "a number in degrees",
+    "at_rest": "a whole number of frames",
     "columns": 'like {"x": "X_mm"}',
 }
 
@@ -50,6 +51,8 @@ def specimen_of(path: Path) -> dict[str, Any]:
             )
         if key == "columns":
             good = isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
+        elif key == "at_rest":
+            good = isinstance(value, float) and value.is_integer() and value >= 0.0
         elif key == "name":
             # others cannot be printed, or end the line or a file's name
             good = isinstance(value, str) and value.isprintable()

@@ -18,8 +18,8 @@ def action_items(record: Record) -> list[str]:
     items = [f"{name}: {remedy}." for name, remedy in record["report"]["remedies"].items()]
     if any(noise["source"] != Source.AT_REST for noise in record["noise"]):
         items.append(
-            "Film some ten images at rest before inflation: the noise had to be judged from the "
-            "field itself."
+            "Film some ten images at rest before inflation (--at-rest): the noise had to be judged "
+            "from the field itself."
         )
     for effect in record["skipped"]:
         needs = catalogue()[effect].needs if effect in catalogue() else ()
