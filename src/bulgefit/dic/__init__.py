@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import Block, BulgeTest
-    from bulgefit.dic.check import require_increasing
     from bulgefit.dic.inspect import TestInfo, describe
     from bulgefit.dic.readers import READERS, Recording, read_test, reader
     from bulgefit.dic.writers import write_test
@@ -21,7 +20,6 @@ __all__ = [
     "describe",
     "read_test",
     "reader",
-    "require_increasing",
     "write_test",
 ]
 
@@ -35,7 +33,6 @@ _HOMES = {
     "describe": "inspect",
     "read_test": "readers",
     "reader": "readers",
-    "require_increasing": "check",
     "write_test": "writers",
 }
 

@@ -13,7 +13,7 @@ from bulgefit.errors import InputError
 if TYPE_CHECKING:
     from bulgefit.dic.bulge_test import Block, BulgeTest
 
-__all__ = ["check", "check_lengths", "check_pressure_unit", "increases", "require_increasing"]
+__all__ = ["check", "check_lengths", "check_pressure_unit"]
 
 Floats = NDArray[np.floating]
 
@@ -24,22 +24,6 @@ _BELOW_ZERO = 0.05
 # The highest pressure of a test lies between these, MPa: no fabric holds more, and a number above
 # it is in another unit.
 _POSSIBLE_PRESSURE = (0.01, 10.0)
-
-
-def increases(pressure: Floats) -> bool:
-    """Whether the pressures increase strictly from frame to frame."""
-    return bool((np.diff(pressure) > 0).all())
-
-
-def require_increasing(test: BulgeTest) -> None:
-    """Raise InputError unless the pressures of the test increase strictly."""
-    if not increases(test.pressure):
-        i = int(np.flatnonzero(np.diff(test.pressure) <= 0)[0]) + 1
-        raise InputError(
-            f"{_where(test)}: pressure does not increase at frame {i} "
-            f"({_bar(test.pressure[i - 1])}, then {_bar(test.pressure[i])}); "
-            "keep the loading branch only"
-        )
 
 
 def check(test: BulgeTest) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bulgefit.errors import InputError
 from bulgefit.fem.hermite import combine, hermite_weights
 
-__all__ = ["Path", "linear_interpolation_bound"]
+__all__ = ["Path"]
 
 Floats = NDArray[np.float64]
 
@@ -109,26 +109,3 @@ class Path:
                 f"range {10 * low:g} to {10 * high:g} bar"
             )
         return np.clip(p, low, high)
-
-
-def linear_interpolation_bound(path: Path, levels: ArrayLike) -> Floats:
-    """The study's bound on the error of linear interpolation in pressure, per interval.
-
-    |u(p) - linear| <= (Δp)²/8 max |d²u/dp²| on each interval (its eq. 2; the textbook bound of
-    linear interpolation), with the curvature of the dense output at both ends and the middle.
-
-    Returns
-    -------
-    (intervals,) array, mm
-        Over all nodes and components.
-    """
-    knots = np.asarray(levels, dtype=float)
-    step = np.diff(knots)
-    bound = np.zeros(len(step))
-    for i, (low, h) in enumerate(zip(knots[:-1], step, strict=True)):
-        d = 0.1 * h
-        centres = np.array([low + d, low + 0.5 * h, low + h - d])
-        for centre in centres:
-            before, here, after = path([centre - d, centre, centre + d])
-            bound[i] = max(bound[i], float(np.abs(before - 2 * here + after).max()) / d**2)
-    return bound * step**2 / 8
