@@ -80,7 +80,7 @@ def test_the_command_line(tmp_path, capsys):
     write_test(made(), tmp_path / "t.npz")
     given, turned = str(tmp_path / "t.npz"), str(tmp_path / "turned.h5")
     assert main(["info", given]) == 0
-    assert "warp            along x, for want of a word on it" in capsys.readouterr().out
+    assert "warp            along x; nothing says otherwise" in capsys.readouterr().out
     assert main(["convert", given, turned, "--warp-angle", "90"]) == 0
     assert main(["info", turned, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["warp_angle"] == 90.0

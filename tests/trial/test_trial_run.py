@@ -23,7 +23,7 @@ from bulgefit.trial import run as trial
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe
-from bulgefit.trial.plan import SHARES, filmed_closely, interpolated, plan
+from bulgefit.trial.plan import SHARES, filmed_closely, interpolated, plan, turned
 from bulgefit.trial.run import run_trial, score_folder
 from bulgefit.trial.score import score
 
@@ -180,13 +180,15 @@ def test_the_verb_strikes_from_the_catalogue_of_the_diagnosis(tmp_path, monkeypa
     assert asked["recipe"] == Recipe(shrink=2.0)
 
 
-def test_only_a_trial_of_all_kinds_is_audible_and_mixed():
+def test_only_a_trial_of_all_kinds_is_audible_mixed_and_turned():
     mixed = interpolated(40, 3)
     whole = trial._recipes(SMALL, 40, 3, whole=True)
     assert {i for i, recipe in enumerate(whole) if recipe.interpolated} == mixed
     closely = filmed_closely(40, 3)
     assert {i: r.frames for i, r in enumerate(whole) if r.frames != SMALL.frames} == closely
-    assert len(mixed) == 2
+    angles = turned(40, 3)
+    assert {i: r.mounted for i, r in enumerate(whole) if r.mounted} == angles
+    assert (len(mixed), len(angles)) == (2, 4)
     assert all(recipe.audible for recipe in whole)
     assert trial._recipes(SMALL, 40, 3, whole=False) == [SMALL] * 40
 

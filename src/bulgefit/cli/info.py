@@ -98,7 +98,7 @@ def _clamp(info: TestInfo) -> tuple[str, str]:
 
 def _warp(info: TestInfo) -> str:
     if info.warp_angle is None:
-        return "along x, for want of a word on it"
+        return "along x; nothing says otherwise"
     return f"at {info.warp_angle:g} degree to x"
 
 

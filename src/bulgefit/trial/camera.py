@@ -36,6 +36,8 @@ class Setting:
     time : (frames,) array, s
     radius, thickness : float, mm
         Nominal.
+    mounted : float, degree
+        As of a `Draw`.
     """
 
     reference: Floats
@@ -43,6 +45,7 @@ class Setting:
     time: Floats
     radius: float = 100.0
     thickness: float = 0.81
+    mounted: float = 0.0
 
 
 def material_points(drawn: Draw, setting: Setting) -> Floats:

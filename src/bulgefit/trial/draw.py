@@ -93,6 +93,8 @@ class Draw:
     shares : dict of str to float
         Size of each effect over what was drawn for it before it was made smaller; 1 if it is not
         here.
+    mounted : float, degree
+        Where the warp was mounted, which its test says: its angle to x, counter-clockwise.
     """
 
     effects: tuple[str, ...]
@@ -100,6 +102,7 @@ class Draw:
     waves: tuple[Wave, ...]
     moduli: dict[str, float]
     shares: dict[str, float] = field(default_factory=dict)
+    mounted: float = 0.0
 
     def get(self, name: str, null: float = 0.0) -> float:
         """A parameter, or its null."""

@@ -170,7 +170,7 @@ def _membrane(
     membrane = Membrane(
         type(mesh)(places[:, :2].copy(), mesh.cells),
         thickness,
-        angle=np.deg2rad(drawn.get("axis_misalignment.angle")),
+        angle=np.deg2rad(drawn.mounted + drawn.get("axis_misalignment.angle")),
         fabric=Fabric(
             surface=None if flat else places,
             thickness=evenness(drawn, mesh, radius),

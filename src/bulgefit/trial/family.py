@@ -91,6 +91,7 @@ def make_family(
     factors = _factors(cloth.scatter, rng)
     most = _FURTHER if rng.random() < 0.5 else 0
     drawn = [_specimen(cloth, pair, rng, recipe.shrink, most) for pair in factors]
+    drawn[-1] = replace(drawn[-1], mounted=recipe.mounted)
     with one_blas_thread():
         if recipe.audible:
             drawn = [audible(one, rng.spawn(1)[0], recipe) for one in drawn]

@@ -9,7 +9,7 @@ membrane's own law and equilibrium.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -81,7 +81,7 @@ def make_test(
     """
     recipe = recipe or Recipe()
     rng = default_rng(seed)
-    drawn = draw(kind, rng, recipe.shrink)
+    drawn = replace(draw(kind, rng, recipe.shrink), mounted=recipe.mounted)
     with one_blas_thread():
         if recipe.audible:
             drawn = audible(drawn, rng.spawn(1)[0], recipe)
@@ -166,6 +166,7 @@ def truth_of(drawn: Draw) -> dict[str, Any]:
         "waves": [asdict(wave) for wave in drawn.waves],
         "moduli": drawn.moduli,
         "nu12": drawn.nu12,
+        "mounted_degree": drawn.mounted,
         **plies,
         "places": {effect: FOREIGN[effect].place for effect in strangers},
         "where": {effect: FOREIGN[effect].where(parameters[effect]) for effect in strangers},

@@ -11,7 +11,7 @@ from bulgefit.trial.draw import KINDS
 from bulgefit.trial.foreign import FOREIGN
 from bulgefit.trial.known import KNOWN
 
-__all__ = ["FAMILY", "KNOWN_KINDS", "SHARES", "filmed_closely", "interpolated", "plan"]
+__all__ = ["FAMILY", "KNOWN_KINDS", "SHARES", "filmed_closely", "interpolated", "plan", "turned"]
 
 #: Three tests of one cloth, diagnosed together.
 FAMILY = "family"
@@ -37,6 +37,8 @@ _GROUPS = {"one": list(KNOWN), "foreign": list(FOREIGN)}
 _INTERPOLATED = 0.05
 #: Share of those with more frames than the others, and how many these may be.
 _CLOSELY, _FRAMES = 0.05, (30, 60)
+#: Share of the tests whose warp was mounted elsewhere than along x.
+_TURNED = 0.1
 
 
 def plan(number: int, seed: int, kinds: Sequence[str] | None = None) -> list[str]:
@@ -94,3 +96,13 @@ def filmed_closely(number: int, seed: int) -> dict[int, int]:
     chosen = rng.permutation(number)[: round(_CLOSELY * number)]
     low, high = _FRAMES
     return {int(i): int(rng.integers(low, high, endpoint=True)) for i in chosen}
+
+
+def turned(number: int, seed: int) -> dict[int, float]:
+    """Which tests of a trial of all kinds have their warp elsewhere than along x; degrees from it.
+
+    In half of them by a quarter turn, as a specimen is turned in its clamp.
+    """
+    rng = default_rng(SeedSequence([seed, 4]))
+    chosen = rng.permutation(number)[: round(_TURNED * number)]
+    return {int(i): 90.0 if rng.random() < 0.5 else float(rng.uniform(-80, 80)) for i in chosen}

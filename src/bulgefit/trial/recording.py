@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -46,6 +46,8 @@ class Recipe:
         each.
     interpolated : bool
         Half as many frames are recorded, and interpolated to common pressures.
+    mounted : float, degree
+        Where the warp was mounted; of a family, that of its last specimen.
     """
 
     frames: int = 20
@@ -56,6 +58,7 @@ class Recipe:
     static: bool | None = None
     heights: bool | None = None
     interpolated: bool = False
+    mounted: float = 0.0
 
 
 def place(drawn: Draw, rng: Generator, recipe: Recipe) -> Setting:
@@ -66,11 +69,12 @@ def place(drawn: Draw, rng: Generator, recipe: Recipe) -> Setting:
     holds = rng.choice(np.arange(1, frames), size=2, replace=False)
     for frame in holds:
         time[frame:] += rng.uniform(40.0, 200.0)
-    setting = Setting(_points(rng, recipe.spacing), _pressures(drawn, rng, frames), time)
+    points, pressure = _points(rng, recipe.spacing), _pressures(drawn, rng, frames)
+    setting = Setting(points, pressure, time, mounted=drawn.mounted)
     # the camera sees no fabric beyond the clamp
     rim = setting.radius * (1.0 - 0.02)
     inside = np.hypot(*material_points(drawn, setting).T) < rim
-    return Setting(setting.reference[inside], setting.pressure, setting.time)
+    return replace(setting, reference=setting.reference[inside])
 
 
 def _points(rng: Generator, spacing: float) -> Floats:
@@ -131,6 +135,7 @@ def record(
         radius=setting.radius,
         thickness=setting.thickness,
         poisson_ratio=STATED_POISSON_RATIO,
+        warp_angle=setting.mounted or None,
         static_displacement=errors[frames:] if static else None,
         time=time if timed else None,
     )

@@ -34,7 +34,7 @@ from bulgefit.trial.answer import TrialAnswer
 from bulgefit.trial.family import make_family
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe, make_test
-from bulgefit.trial.plan import FAMILY, filmed_closely, interpolated, plan
+from bulgefit.trial.plan import FAMILY, filmed_closely, interpolated, plan, turned
 from bulgefit.trial.score import judge, score
 
 __all__ = ["diagnose_files", "run_trial", "score_folder", "seal"]
@@ -134,17 +134,20 @@ def run_trial(
 def _recipes(recipe: Recipe, number: int, seed: int, *, whole: bool) -> list[Recipe]:
     """The recipe of each test.
 
-    In a trial of all kinds they are audible, a few interpolated, and a few have more frames.
+    In a trial of all kinds they are audible, a few interpolated, a few have more frames, and of a
+    few the warp was mounted elsewhere.
     """
     if not whole:
         return [recipe] * number
     mixed, closely = interpolated(number, seed), filmed_closely(number, seed)
+    angles = turned(number, seed)
     return [
         replace(
             recipe,
             audible=True,
             interpolated=i in mixed,
             frames=max(recipe.frames, closely.get(i, 0)),
+            mounted=angles.get(i, 0.0),
         )
         for i in range(number)
     ]
