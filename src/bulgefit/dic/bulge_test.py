@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -82,8 +83,8 @@ class BulgeTest(Drawn):
     schedule : (recorded,) array, s, or None
         Times of all frames that were recorded, also those that are left out since.
     warp_angle : float, degree, or None
-        Where the warp was mounted: its angle to x, counter-clockwise seen from +z. None where
-        nothing is said of it: x is the warp, however the axes are turned.
+        Where the warp was mounted: its angle to x, counter-clockwise seen from +z, -180 to 180.
+        None where nothing is said of it: x is the warp, however the axes are turned.
     source, checksum : str
         Where the test was read from, and the SHA-256 of what was read ("" if made in memory).
     history : tuple of str
@@ -108,6 +109,8 @@ class BulgeTest(Drawn):
     def __post_init__(self) -> None:
         if self.schedule is None:
             object.__setattr__(self, "schedule", self.time)
+        if self.warp_angle is not None and math.isfinite(self.warp_angle):
+            object.__setattr__(self, "warp_angle", math.remainder(self.warp_angle, 360.0))
         for key in ("pressure", "static_displacement", "time", "schedule"):
             value = getattr(self, key)
             if value is not None:

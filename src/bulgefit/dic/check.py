@@ -105,10 +105,8 @@ def _check_specimen(test: BulgeTest) -> None:
     check_lengths(test.radius, test.thickness, where)
     if not abs(test.ellipticity) < 1:
         raise InputError(f"{where}: ellipticity {test.ellipticity:g} must lie between -1 and 1")
-    if not abs(test.warp_angle or 0.0) <= 360.0:
-        raise InputError(
-            f"{where}: warp_angle {test.warp_angle:g} degree must lie between -360 and 360"
-        )
+    if not np.isfinite(test.warp_angle or 0.0):
+        raise InputError(f"{where}: warp_angle {test.warp_angle:g} must be a number of degrees")
     if not 0 <= nu < 0.5:
         raise InputError(f"{where}: poisson_ratio {nu:g} must be at least 0 and below 0.5")
 
