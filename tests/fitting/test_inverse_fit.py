@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -355,7 +356,18 @@ def test_json_round_trip(make: Maker, setup: Setup) -> None:
     assert found["settings"]["seed"] == 0
     assert {"bulgefit", "numpy", "scipy", "numba", "python"} <= set(found["versions"])
     assert found["sources"][0]["points"] == 80
+    assert "warp_angle_degree" not in found["sources"][0]
     assert found["tests"][0]["name"] == "made"
+
+
+def test_a_warp_that_was_mounted_elsewhere_is_told_and_fitted(make: Maker, setup: Setup) -> None:
+    """As the same test in its own axes."""
+    test = make()
+    turned = replace(test.rotated(90), warp_angle=90.0)
+    there, here = (fit(t, bounds=BOUNDS, starts=1, setup=setup) for t in (turned, test))
+    assert there.to_dict()["sources"][0]["warp_angle_degree"] == 90.0
+    for name, value in here.material.values.items():
+        assert there.material.values[name] == pytest.approx(value, rel=1e-4)
 
 
 def test_crossval_fits_the_others_and_judges_the_one_left_out(make: Maker, setup: Setup) -> None:

@@ -287,7 +287,7 @@ def _start_dict(descent: Descent) -> dict[str, Any]:
 
 
 def describe_tests(tests: Sequence[BulgeTest]) -> list[dict[str, Any]]:
-    """Names, sources and checksums of the tests that went in."""
+    """Names, sources and checksums of the tests that went in, and how they were mounted."""
     return [
         {
             "name": t.name,
@@ -296,6 +296,7 @@ def describe_tests(tests: Sequence[BulgeTest]) -> list[dict[str, Any]]:
             "frames": t.n_frames,
             "points": t.n_points,
             "values": t.n_measured,
+            **({} if t.warp_angle is None else {"warp_angle_degree": t.warp_angle}),
         }
         for t in tests
     ]
