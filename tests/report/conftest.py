@@ -74,7 +74,8 @@ def fitted(fit_found):
 def pair():
     """Two tests of one name, one slack as well."""
     shifted = {**TRUTH, "prestrain.slack_x": 0.002}
-    return diagnose([made("same", 2), made("same", 3, shifted)], effects=["rigid_motion"])
+    tests = [made("same", 2), made("same", 3, shifted)]
+    return diagnose(tests, effects=["rigid_motion", "prestrain"])
 
 
 @pytest.fixture(scope="session")
