@@ -83,15 +83,15 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="DEG",
         help="where the warp was mounted: its angle to x in degrees, counter-clockwise seen from "
-        "+z, as 90 of a specimen that was turned in the clamp (default: what the file says, "
-        "else x is the warp)",
+        "+z, as 90 of a specimen that was turned in the clamp; of every test that is named, and "
+        "bulgefit convert writes it into one (default: what the file says, else x is the warp)",
     )
     group.add_argument(
         "--at-rest",
         type=int,
         metavar="N",
-        help="the first N frames are images before inflation, which tell the noise (default: what "
-        "the files say, else none)",
+        help="the first N frames of every test are images before inflation, which tell the noise "
+        "(default: what the files say, else none)",
     )
     group.add_argument(
         "--columns",
