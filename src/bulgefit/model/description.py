@@ -78,11 +78,10 @@ class Description:
 
     @property
     def is_plain(self) -> bool:
-        """Whether the specimen is flat, even, held all round, its warp along an axis.
+        """Whether the specimen is flat, even, held all round, and its warp along an axis.
 
-        Then shapes mirror.
-
-        And neither slack nor taut at rest: else paths do not begin as a flat membrane's do.
+        So that shapes mirror. And neither slack nor taut at rest: else paths do not begin as a flat
+        membrane's do.
         """
         fabric = self.fabric
         uneven = fabric.surface is not None or fabric.thickness is not None or any(fabric.coupling)
