@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest, read_test, write_test
 from bulgefit.dic.mend import images_at_rest
 from bulgefit.dic.noise import Source, noise_of
+from bulgefit.dic.suspicions import alarms
 from bulgefit.errors import InputError
 
 SIGMA = np.array([0.004, 0.006, 0.011])
@@ -92,3 +95,30 @@ def test_a_folder_says_it(tmp_path):
     about.write_text('{"radius": 100, "thickness": 0.81, "at_rest": 2.5}')
     with pytest.raises(InputError, match=r"at_rest cannot be 2\.5; it must be a whole number"):
         read_test(tmp_path)
+
+
+def test_an_image_under_pressure_is_no_image_at_rest(tmp_path, capsys):
+    test = made()
+    assert "static_inflated" not in [a.code for a in alarms(images_at_rest(test, 10))]
+    (alarm,) = (a for a in alarms(images_at_rest(test, 11)) if a.code == "static_inflated")
+    part = (test.blocks[0].reference[:, :2] ** 2).sum(axis=1).max() / 1e4
+    rise = 40 * np.cbrt(0.02) * part  # of which a part lies within the measured points
+    assert f"of the 10 images at rest (from 0) 9 shows a dome of {rise:.2g} mm" in alarm.text
+    write_test(test, tmp_path / "t.npz")
+    out = str(tmp_path / "out.json")
+    said = ["--at-rest", "11", "--E", "400", "--json", out]
+    assert main(["evaluate", str(tmp_path / "t.npz"), *said]) == 0
+    assert "9 shows a dome of" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("height", [0.05, 0.2])
+def test_a_camera_that_moved_is_no_dome(height):
+    apart = images_at_rest(made(), 10)
+    x, y = apart.blocks[0].reference[:, :2].T
+    still = apart.static_displacement.copy()
+    still[3, :, 2] += 1.0 + 0.01 * x - 0.02 * y
+    still[5, :, 2] -= height * (1 - (x**2 + y**2) / 1e4)
+    moved = dataclasses.replace(apart, static_displacement=still)
+    found = [a.text for a in alarms(moved) if a.code == "static_inflated"]
+    assert len(found) == (height > 0.1)
+    assert all("(from 0) 5 shows a dome of -0.17 mm" in text for text in found)

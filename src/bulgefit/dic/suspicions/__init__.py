@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.copies import without_copies
+from bulgefit.dic.suspicions.at_rest import about_images_at_rest, about_inflated_images
 from bulgefit.dic.suspicions.axes import about_axes
 from bulgefit.dic.suspicions.bins import about_bins
 from bulgefit.dic.suspicions.copies import about_copies
@@ -37,6 +38,7 @@ def alarms(test: BulgeTest) -> list[Suspicion]:
         *about_axes(test),
         *about_zero(test),
         *about_gauge(test),
+        *about_inflated_images(test),
     ]
 
 
@@ -47,4 +49,5 @@ def _notes(test: BulgeTest) -> Iterator[Suspicion]:
     yield from about_rough_frames(test)
     yield from about_points(test)
     yield from about_bins(test)
+    yield from about_images_at_rest(test)
     yield from about_offsets(test)

@@ -82,8 +82,6 @@ def _about_centre(test: BulgeTest) -> Iterator[Suspicion]:
 
 def about_offsets(test: BulgeTest) -> Iterator[Suspicion]:
     """Displacement at rest, and a motion of all points together."""
-    if test.static_displacement is not None:
-        yield from _about_images_at_rest(test.static_displacement)
     frame = int(np.abs(test.pressure).argmin())
     rise = test.apex_displacement[frame]
     if abs(test.pressure[frame]) < 1e-3 * test.pressure.max() and abs(rise) > _AT_REST:
@@ -94,25 +92,6 @@ def about_offsets(test: BulgeTest) -> Iterator[Suspicion]:
             "reference_state",
         )
     yield from _about_motion(test)
-
-
-def _about_images_at_rest(static: Floats) -> Iterator[Suspicion]:
-    known = [component[np.isfinite(component)] for component in static.reshape(-1, 3).T]
-    for key, values in zip(("dx", "dy", "dz"), known, strict=True):
-        if not len(values):
-            yield Suspicion(
-                "static_component_missing",
-                f"{key} was never measured in the images at rest: they do not tell its noise",
-                f"export {key} of the images at rest, or leave them out",
-            )
-    mean = [float(values.mean()) if len(values) else np.nan for values in known]
-    if np.nanmax(np.abs(mean)) > _AT_REST:
-        shown = ", ".join(f"{value:.2f}" for value in mean)
-        yield Suspicion(
-            "static_displaced",
-            f"images at rest are displaced by ({shown}) mm on average",
-            "take images at rest with cameras and clamp as in the reference image",
-        )
 
 
 def _about_motion(test: BulgeTest) -> Iterator[Suspicion]:
