@@ -7,9 +7,7 @@ truth is said before the first diagnosis starts, and checked when the truth is o
 
 from __future__ import annotations
 
-import hashlib
 import json
-import re
 import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -32,19 +30,24 @@ from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial.answer import TrialAnswer
 from bulgefit.trial.family import make_family
+from bulgefit.trial.folder import (
+    answered_in,
+    begin_folder,
+    catalogued,
+    records_of,
+    seal,
+    write_answer,
+    write_seals,
+)
 from bulgefit.trial.known import KNOWN
 from bulgefit.trial.make import Recipe, make_test
 from bulgefit.trial.plan import FAMILY, filmed_closely, interpolated, plan, turned
+from bulgefit.trial.right import Record
 from bulgefit.trial.score import judge, score
 
-__all__ = ["diagnose_files", "run_trial", "score_folder", "seal"]
+__all__ = ["diagnose_files", "run_trial", "score_folder"]
 
 Diagnose = Callable[..., Any]
-
-
-def seal(text: str) -> str:
-    """SHA-256 of a truth."""
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def run_trial(
@@ -115,8 +118,7 @@ def run_trial(
         "strike": strike,
         "shrink": recipe.shrink,
     }
-    folder = _folder(output, asked if resume else None)
-    atomic_write_text(folder / "trial.json", _text_of(asked), force=resume)
+    folder = begin_folder(output, asked, resume=resume)
     jobs = [
         (str(folder), i, chosen[i], seed, one)
         for i, one in enumerate(_recipes(recipe, number, seed, whole=not kinds))
@@ -124,11 +126,12 @@ def run_trial(
     with _pool(makers, workers) as pool:
         made = _all(pool, _make, jobs, lambda n, *_: say(f"made {n} of {number} tests"))
     seals = {name: digest for name, _, digest, _ in made}
-    _write_seals(folder, seals, resume, say)
+    write_seals(folder, seals, resume, say)
     asked_of = {name: (files, effects if strike else []) for name, files, _, effects in made}
     with _pool(executor, workers) as pool:
         answers = _answers(pool, folder, asked_of, dict(options or {}), diagnose, say)
-    return _scored(folder, asked, seals, answers, time.perf_counter() - start)
+    records = records_of(folder, asked, seals, answers)
+    return _scored(asked, seals, records, time.perf_counter() - start)
 
 
 def _recipes(recipe: Recipe, number: int, seed: int, *, whole: bool) -> list[Recipe]:
@@ -171,110 +174,21 @@ def score_folder(output: str | Path) -> TrialAnswer:
     InputError
         Not a trial's folder, no answers, a file that is damaged, or a broken seal.
     """
-    folder = Path(output)
-    if not (folder / "trial.json").is_file():
-        raise InputError(f"{folder}: not the folder of a trial, it has no trial.json")
-    asked = _read_object(folder / "trial.json", {"number": int, "strike": bool})
-    seals = _read_seals(folder / "seals.txt", asked["number"])
-    needed = {"verdict": str, "seconds": (int, float)}
-    answers = {
-        path.stem: _read_object(path, needed)
-        for path in sorted((folder / "answers").glob("*.json"))
-        if path.stem in seals
-    }
-    if not answers:
-        raise InputError(f"{folder}: no test is answered yet")
-    answered = {name: digest for name, digest in seals.items() if name in answers}
-    for record in _records(folder, asked, answered, answers):
-        _check_answer(folder, record)
-    seconds = sum(answer["seconds"] for answer in answers.values())
-    return _scored(folder, asked, answered, answers, seconds)
-
-
-def _read_object(path: Path, needed: Mapping[str, Any]) -> dict[str, Any]:
-    """A JSON object of a trial, which has these keys with values of these types."""
-    try:
-        content = json.loads(_text(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise _damaged(path, str(error)) from error
-    if not isinstance(content, dict):
-        raise _damaged(path, "no JSON object")
-    for key, kind in needed.items():
-        if not isinstance(content.get(key), kind):
-            raise _damaged(path, f"{key} is missing or of the wrong kind")
-    return content
-
-
-def _read_seals(path: Path, number: int) -> dict[str, str]:
-    """SHA-256 of each truth, as `_write_seals` writes them."""
-    lines = _text(path).splitlines()
-    found = [re.fullmatch(r"([0-9a-f]{64})  sealed/(.+)\.json", line) for line in lines]
-    if len(found) != number or not all(found):
-        raise _damaged(path, f"not {number} lines of a SHA-256 and a file")
-    return {match[2]: match[1] for match in found if match}
-
-
-def _check_answer(folder: Path, record: dict[str, Any]) -> None:
-    """Refuse an answer that cannot be scored; its truth is sealed, so it is as it was made."""
-    try:
-        score([record])
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        path = folder / "answers" / f"{Path(record['file']).stem}.json"
-        raise _damaged(path, f"{type(error).__name__}: {error}") from error
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise _damaged(path, "no text in UTF-8") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-
-
-def _damaged(path: Path, why: str) -> InputError:
-    return InputError(f"{path}: damaged, not as a trial writes it ({why}); restore or remove it")
+    asked, seals, records = answered_in(Path(output))
+    return _scored(asked, seals, records, sum(r["answer"]["seconds"] for r in records))
 
 
 def _scored(
-    folder: Path,
     asked: Mapping[str, Any],
     seals: Mapping[str, str],
-    answers: Mapping[str, dict[str, Any]],
+    records: Sequence[Record],
     seconds: float,
 ) -> TrialAnswer:
-    """Open the truths of sealed tests and score their answers."""
-    records = _records(folder, asked, seals, answers)
     return TrialAnswer(
         scores=score(records),
         tests=[judge(record) for record in records],
         meta={**asked, "answered": len(records), "seals": dict(seals), "seconds": seconds},
     )
-
-
-def _records(
-    folder: Path,
-    asked: Mapping[str, Any],
-    seals: Mapping[str, str],
-    answers: Mapping[str, dict[str, Any]],
-) -> list[dict[str, Any]]:
-    """Truth and answer of each sealed test, as `score` takes them."""
-    truths = {name: _opened(folder, name, digest) for name, digest in seals.items()}
-    return [
-        {
-            "file": f"{name}.npz" if truth["kind"] != FAMILY else name,
-            "truth": truth,
-            "answer": answers[name],
-            "struck": _catalogued(truth) if asked["strike"] else [],
-        }
-        for name, truth in truths.items()
-    ]
-
-
-def _catalogued(truth: Mapping[str, Any]) -> list[str]:
-    return [effect for effect in truth["effects"] if effect in KNOWN]
 
 
 def diagnose_files(
@@ -297,38 +211,6 @@ def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Exe
     return open_executor(workers, processes=True)
 
 
-def _folder(output: str | Path, begun: Mapping[str, Any] | None) -> Path:
-    """The folder, made; it is empty, or holds what was begun."""
-    folder = Path(output).absolute()  # a worker may stand elsewhere
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        if begun is None:
-            raise InputError(f"{folder}: holds something; name an empty or a new folder")
-        _check_begun(folder, begun)
-    try:
-        for part in ("tests", "sealed", "answers"):
-            (folder / part).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror})") from error
-    return folder
-
-
-def _check_begun(folder: Path, asked: Mapping[str, Any]) -> None:
-    """Refuse a folder that holds anything but the same trial, which is about to go on in it."""
-    file = folder / "trial.json"
-    known = ("trial.json", "tests", "sealed", "seals.txt", "answers")
-    parts = sorted(folder.iterdir()) if folder.is_dir() else [folder]
-    # what was being written when the trial was killed begins with a dot
-    other = [part.name for part in parts if part.name not in known and part.name[0] != "."]
-    if other:
-        raise InputError(f"{folder}: holds {other[0]}, which is no part of a trial; remove it")
-    if file.is_file() and _text(file) != _text_of(asked):
-        raise InputError(f"{folder}: holds another trial; go on with what {file} says")
-
-
-def _text_of(asked: Mapping[str, Any]) -> str:
-    return json.dumps(asked, indent=2) + "\n"
-
-
 def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, list[str], str, list[str]]:
     """Make one test, or family, and its sealed truth; name, files, the seal, what to strike."""
     folder, index, kind, seed, recipe = job
@@ -345,7 +227,7 @@ def _make(_: None, job: tuple[str, int, str, int, Recipe]) -> tuple[str, list[st
         # a worker that died may have written it already
         write_test(test, Path(folder) / "tests" / file, force=True)
     atomic_write_text(Path(folder) / "sealed" / f"{name}.json", text, force=True)
-    return name, files, seal(text), _catalogued(truth)
+    return name, files, seal(text), catalogued(truth)
 
 
 def _answer(_: None, job: tuple[list[str], dict[str, Any], list[str], Diagnose]) -> dict[str, Any]:
@@ -379,8 +261,7 @@ def _answers(
     ]
 
     def keep(number: int, index: int, answer: dict[str, Any]) -> None:
-        text = json.dumps(answer, indent=2, allow_nan=False) + "\n"
-        atomic_write_text(folder / "answers" / f"{names[index]}.json", text, force=True)
+        write_answer(folder, names[index], answer)
         say(f"diagnosed {number} of {len(names)} tests, {answer['seconds']:.0f} s")
 
     return dict(zip(names, _all(pool, _answer, jobs, keep), strict=True))
@@ -395,27 +276,6 @@ def _all(
     """Results in the order of the jobs; `tell` gets number done, index and result of each."""
     number = count(1)
     return spread(pool, work, None, jobs, lambda i, result: tell(next(number), i, result))
-
-
-def _write_seals(
-    folder: Path, seals: Mapping[str, str], resume: bool, say: Callable[[str], None]
-) -> None:
-    lines = [f"{digest}  sealed/{name}.json" for name, digest in seals.items()]
-    text = "\n".join(lines) + "\n"
-    if resume and (folder / "seals.txt").is_file() and _text(folder / "seals.txt") != text:
-        raise InputError(f"{folder / 'seals.txt'}: changed since the trial was interrupted")
-    atomic_write_text(folder / "seals.txt", text, force=resume)
-    for line in lines:
-        say(line)
-    say(f"sealed {len(lines)} truths; SHA-256 of all seals {seal(text)}")
-
-
-def _opened(folder: Path, name: str, digest: str) -> dict[str, Any]:
-    path = folder / "sealed" / f"{name}.json"
-    text = _text(path)
-    if seal(text) != digest:
-        raise InputError(f"{path}: the seal is broken; the truth was changed after it was sealed")
-    return dict(json.loads(text))
 
 
 def _plain(value: Any) -> Any:
