@@ -1,14 +1,13 @@
 """The blind trial: does the diagnosis find effects that it is not told?
 
     python benchmarks/trial.py [--number 200] [--seed 0] [--workers 2] [--folder FOLDER]
-                               [--write docs/trial_results.md] [--score]
-    python benchmarks/trial.py --final --folder FOLDER --write docs/trial_results.md
+                               [--write FILE] [--score]
 
 Four runs: all that tests may have; the true effects struck from the catalogue; sizes shrunk to
 find what is just detectable; creases and knees. The tests of a run depend on its seed and number
-alone. Seeds below 1000 are for calibration, while the program is worked on. `--final` runs the 300
-tests of a seed that no program has seen (those before it have been run), once, and reports them as
-they come. A run in a FOLDER that was interrupted goes on where it was, by the same command.
+alone. Its seeds, below 1000, are for calibration, while the program is worked on; those that no
+program has seen are `trial_final.py`'s. A run in a FOLDER that was interrupted goes on where it
+was, by the same command.
 """
 
 from __future__ import annotations
@@ -32,21 +31,18 @@ from bulgefit.parallel.journal import journaled
 from bulgefit.trial.known import FORMS, KNOWN
 from bulgefit.trial.recording import Recipe
 from bulgefit.trial.run import run_trial, score_folder
-from bulgefit.trial.table import report
+from trial_page import section
 
 #: Sizes are divided by up to this: down to the noise, and, in the third run, below it.
 TO_NOISE, SHRINK = 10.0, 30.0
-#: Calibration takes seeds below the first of these; the final test has the second to itself.
-FIRST_FINAL, FINAL_SEED, FINAL_NUMBER = 1000, 1004, 300
+#: Calibration takes seeds below this.
+FIRST_FINAL = 1000
 
 
-def runs(number: int, *, final: bool) -> dict[str, dict[str, Any]]:
+def runs(number: int) -> dict[str, dict[str, Any]]:
     """Options of each run; those after the first are smaller."""
-    whole = {"number": number, "recipe": Recipe(shrink=TO_NOISE)}
-    if final:
-        return {"The final test": whole}
     return {
-        "All that tests may have": whole,
+        "All that tests may have": {"number": number, "recipe": Recipe(shrink=TO_NOISE)},
         "True effects struck": {
             "number": max(1, number // 4),
             "kinds": [*KNOWN],
@@ -71,30 +67,14 @@ def page(results: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     for title, result in results.items():
         meta = result["meta"]
-        parts += [
-            f"## {title}",
-            f"{_count(meta)}, seed {meta['seed']}, {meta['seconds'] / 60:.0f} minutes.",
-            f"```\n{report(result['scores'])}\n```",
-        ]
-        wrong = [t for t in result["tests"] if not t["right"]]
-        if wrong:
-            parts += ["Not right:", "\n".join(_line(t) for t in wrong)]
+        words = f"{_count(meta)}, seed {meta['seed']}, {meta['seconds'] / 60:.0f} minutes."
+        parts.append(section(title, words, result["scores"], result["tests"]))
     return "\n\n".join(parts) + "\n"
 
 
 def _count(meta: dict[str, Any]) -> str:
     answered, number = meta["answered"], meta["number"]
     return f"{number} tests" if answered == number else f"The first {answered} of {number} tests"
-
-
-def _line(test: dict[str, Any]) -> str:
-    causes = " + ".join("/".join(cause) for cause in test["causes"])
-    size = test["signature_mm"]
-    worth = "" if size is None else f"({size:.3f} mm) "
-    return (
-        f"- {test['file']}: {' + '.join(test['truth']) or 'none'} {worth}"
-        f"answered {test['verdict']} {causes}".rstrip()
-    )
 
 
 def run(folder: Path, seed: int, workers: int, options: dict[str, Any]) -> dict[str, Any]:
@@ -123,7 +103,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--number", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="below 1000")
-    parser.add_argument("--final", action="store_true", help="the one run of the final seed")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--folder", type=Path, help="keep tests, truths and answers here")
     parser.add_argument(
@@ -131,12 +110,8 @@ def main() -> None:
     )
     parser.add_argument("--write", type=Path, help="Markdown file for the tables")
     args = parser.parse_args()
-    if args.final:
-        args.seed, args.number = FINAL_SEED, FINAL_NUMBER
-        if args.folder is None:
-            parser.error("--final needs --folder: what it answers is kept")
-    chosen = runs(args.number, final=args.final)
-    if not args.final and not 0 <= args.seed <= FIRST_FINAL - len(chosen):
+    chosen = runs(args.number)
+    if not 0 <= args.seed <= FIRST_FINAL - len(chosen):
         parser.error(
             f"--seed {args.seed}: give 0 to {FIRST_FINAL - len(chosen)}, a seed for each run"
         )
