@@ -54,7 +54,7 @@ def test_without_it_the_fit_says_that_something_is_amiss(
 ) -> None:
     assert main(["fit", SLIP, "--starts", "1", "--quiet"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-1].startswith("warning: the model loses stability above ")  # so soft a shear
+    assert lines[-1].startswith("warning: the model is stable up to ")  # so soft a shear
     first = next(line for line in lines if not line.startswith("WARNING"))
     misfit = float(first.split()[1])
     assert first.startswith("misfit ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -293,6 +294,27 @@ def test_lost_points_and_points_of_their_own():
 def test_what_cannot_be_measured(options, message):
     with pytest.raises(InputError, match=message):
         measure(cap(), **options)
+
+
+def test_places_are_held_to_an_oval_clamp():
+    round_ = cap(4.0)
+    oval = replace(round_, ellipticity=0.2)
+    assert measure(oval, window=40.0, points=[[105.0, 0.0]]).surface.points.tolist() == [[105, 0]]
+    with pytest.raises(InputError, match="beyond semi-axes of 120 and 80 mm from its centre"):
+        measure(oval, window=40.0, points=[[0.0, 95.0]])
+
+
+@pytest.mark.parametrize("pressure", [0.0, 2e-5])
+def test_the_reference_image_tells_no_noise(pressure):
+    """Of frames with points of their own, though it has the most of them."""
+    block = cap(4.0, noise=0.02).blocks[0]
+    aside = np.array([0.01, 0.0, 0.0])
+    frames = [(block.reference, 0 * block.displacement[0])]
+    for i, moved in enumerate(block.displacement, start=1):
+        frames.append((block.reference[i:] + i * aside, moved[i:]))
+    test = BulgeTest.from_frames(frames, [pressure, *PRESSURE], thickness=0.8)
+    assert len(test.blocks) == 3
+    np.testing.assert_allclose(noise_of(test).sigma, 0.02, rtol=0.15)
 
 
 def test_windows_without_points_are_refused_before_the_work(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numba
 import numpy as np
@@ -351,6 +352,21 @@ def test_frame_indifference(law: str) -> None:
     assert there.potential == pytest.approx(here.potential, rel=1e-11)
     scale = np.abs(here.reaction).max()
     np.testing.assert_allclose(there.reaction, here.reaction @ turn.T, atol=1e-10 * scale)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "cells", "message"),
+    [
+        ("square", [[0, 1, 2, 3]], "give nodes and cells as arrays of numbers"),
+        ([[0, 0], [1, 0], [1, 1], [0, 1]], None, "cells must name nodes by whole numbers"),
+        ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1.9, 2, 3]], "by whole numbers"),
+        ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 4]], "cells name nodes 0..4"),
+        ([[0, 0], [1, 0], [1, 1], [0, np.nan]], [[0, 1, 2, 3]], "nodes must be a finite"),
+    ],
+)
+def test_arrays_that_are_no_mesh(nodes: Any, cells: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Mesh.from_arrays(nodes, cells)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -268,10 +268,10 @@ def test_a_start_may_find_its_first_equilibrium_next_to_the_stiff_end() -> None:
 
 
 def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> None:
-    """A thin specimen is stable up to 1.5 bar, a thick one everywhere, another one nowhere."""
+    """A thin specimen is stable up to 1 bar, a thick one everywhere, another one nowhere."""
     thin, thick, other = (
-        SimpleNamespace(stable_up_to=limit, wrinkled=wet)
-        for limit, wet in ((0.15, np.zeros(2)), (None, np.array([0.02, 0.0])), (0.0, np.zeros(2)))
+        SimpleNamespace(stable=np.arange(3) < count, wrinkled=wet)
+        for count, wet in ((1, np.zeros(2)), (3, np.array([0.02, 0.0])), (0, np.zeros(2)))
     )
 
     def of(*shapes: SimpleNamespace) -> Stability:
@@ -279,9 +279,9 @@ def test_frames_beyond_stability_are_those_of_the_specimen_that_loses_it() -> No
         return stability(tests, shapes)
 
     assert of(thick) == Stability(None, 0, True)
-    assert of(thin, thick) == Stability(pytest.approx(1.5), 2, True)
+    assert of(thin, thick) == Stability(pytest.approx(1.0), 2, True)
     assert of(thin, thick, other) == Stability(0.0, 5, True)
-    assert of(thin) == Stability(pytest.approx(1.5), 2, False)
+    assert of(thin) == Stability(pytest.approx(1.0), 2, False)
 
 
 def test_a_parameter_at_its_bound_is_flagged(make: Maker, setup: Setup) -> None:
@@ -509,8 +509,8 @@ def test_report_of_a_fit_that_went_badly() -> None:
         "test (mm)                         r_dx      r_dy      r_dz         e       e_w       e_z",
         "valmex                          0.2500    0.2500    2.5000    3.0000    0.7500         -",
         "2 starts, 1 converged, 1 at this optimum; 3 forward paths, 2 failed; 1.2 s",
-        "warning: the model loses stability above 0.94 bar (soft shear localises); 12 frames lie "
-        "beyond: judge the fit without them (--max-pressure)",
+        "warning: the model is stable up to 0.94 bar (soft shear localises), not in 12 frames: "
+        "judge the fit without them (--max-pressure)",
     ]
     assert result.to_dict()["quality"]["warnings"] == [
         {"code": "at_bound", "text": "E1 is at its bound"}

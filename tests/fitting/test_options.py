@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit
-from bulgefit.fitting.minimise import _Model, descend
+from bulgefit.fitting.minimise import Limits, _Model, descend
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Prior, Problem
@@ -33,6 +34,19 @@ def test_an_unknown_option_names_the_nearest(make: Maker) -> None:
         fit(make(), bound={"E1": (1.0, 2.0)})
     with pytest.raises(InputError, match=r"fit has no option 'xyzzy'; there are objective, mat"):
         fit(make(), xyzzy=1)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"starts": 0}, "starts: must be 1 or more, got 0"),
+        ({"seed": -1}, "seed: must be 0 or more, got -1"),
+        ({"limits": Limits(evaluations=0)}, "limits: evaluations must be 1 or more, got 0"),
+    ],
+)
+def test_numbers_that_cannot_be(make: Maker, option: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fit(make(), **option)
 
 
 def test_names_given_as_one_string_are_a_list() -> None:

@@ -24,7 +24,7 @@ TRUTH = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
 BOUNDS = {"E1": (200.0, 500.0), "E2": (150.0, 400.0), "G12": (10.0, 60.0)}
 SIZE, SHARE, LENGTH = 0.02, 0.36, 10.0
 POINTS, FRAMES, DRAWS = 600, 8, 60
-NOISE = Noise(SIZE * np.ones(3), LENGTH, SHARE, 1.0, Source.AT_REST)
+NOISE = Noise(SIZE * np.ones(3), LENGTH, 1.0, Source.AT_REST)
 
 
 def correlation(points: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def test_covariances_of_noise_that_persists_are_the_true_ones(
     z = problem.coordinates(TRUTH)
     shapes, columns = problem.shapes(z, derivatives=True), problem.columns(z)
     (look,) = problem.objective.looks(shapes, problem.names_of_tests())
-    told = Noise(SIZE * np.ones(3), 0.0, 0.0, 1.0, Source.FRAMES, persistent=share)
+    told = Noise(SIZE * np.ones(3), 0.0, 1.0, Source.FRAMES, persistent=share)
     found, freedom, rng = [], [], np.random.default_rng(5)
     for _ in range(DRAWS):
         own = rng.standard_normal(look.residual.shape)

@@ -9,6 +9,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
+from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.model.description import active_effects, null_values, with_value
 from bulgefit.model.setup import Setup
@@ -99,6 +100,49 @@ def test_a_shape_without_derivatives_is_an_error_with_its_state(
         plain().shapes({**MODULI, "prestrain.slack_x": 2e-5}, NAMES)
     assert caught.value.pressure == 0.1
     assert caught.value.parameters["E1"] == MODULI["E1"]
+
+
+def test_a_frame_without_balance_says_how_far_others_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of two frames at 1 and 2 bar the second fails."""
+    from bulgefit.model import inflation
+
+    solve = inflation.solve
+
+    def no_more(membrane, guess, pressure, *args, **more):  # type: ignore[no-untyped-def]
+        if pressure > 0.15:
+            raise NewtonError("no step makes progress", 7, 0.5, 9)
+        return solve(membrane, guess, pressure, *args, **more)
+
+    monkeypatch.setattr(inflation, "solve", no_more)
+    with pytest.raises(SolveError, match="equilibrium was reached up to 1 bar;") as caught:
+        plain().shapes({**MODULI, "prestrain.slack_x": 2e-5})
+    assert (caught.value.pressure, caught.value.reached) == (0.2, 0.1)
+    assert (caught.value.iteration, caught.value.residual_norm) == (7, 0.5)
+
+
+def test_a_path_that_another_thread_takes_meanwhile_is_not_taken_for_ones_own() -> None:
+    """The path that is kept is replaced between two looks at it."""
+    virtual = plain()
+    soft = virtual.shapes({**MODULI, "E1": 200.0}).displacement
+    virtual.shapes(MODULI)
+    inflation = virtual.inflation
+    kept = inflation._path
+    other = plain()
+    other.shapes({**MODULI, "E1": 200.0})
+
+    class Other:
+        """Of the other specimen, as soon as the first of its parts was looked at."""
+
+        def __getitem__(self, index: int) -> Any:
+            inflation._path = other.inflation._path
+            return kept[index]
+
+    inflation._path = Other()  # type: ignore[assignment]
+    found = virtual.shapes(MODULI).displacement
+    np.testing.assert_array_equal(found, plain().shapes(MODULI).displacement)
+    assert np.abs(found - soft).max() > 0.1
 
 
 def test_a_difference_by_a_modulus_keeps_it_above_zero() -> None:

@@ -1,4 +1,4 @@
-"""How do clouds of points become one field of fewer, less noisy ones? By a plane in each bin.
+"""How do clouds of points become one field of fewer, less noisy ones? By a quadratic in each.
 
 In a square bin, displacement is a quadratic in position, by least squares over the points that the
 frame has there, and is read at the mean position of all points that any frame has there. A plain

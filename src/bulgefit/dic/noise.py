@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.bulge_test import Block, BulgeTest
 
 __all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
@@ -45,8 +45,6 @@ class Noise:
     sigma : (3,) array, mm
     correlation_length : float, mm
         Distance at which the correlated share has fallen to 1/e; 0 where none was found.
-    correlated_share : float
-        Share of the variance that is correlated.
     inflation : float
         Variance of a mean of neighbouring points over that of independent ones: points divided
         by it are the effective number of points.
@@ -58,7 +56,6 @@ class Noise:
 
     sigma: Floats
     correlation_length: float
-    correlated_share: float
     inflation: float
     source: Source
     persistent: float = 0.0
@@ -79,19 +76,13 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
         None where too few points, or not all components, were measured to tell.
     """
     if len(test.blocks) > 1:
-        fullest = max(test.blocks, key=lambda block: block.measured.sum())
-        frames = fullest.frames
-        test = BulgeTest.from_arrays(
-            fullest.reference,
-            fullest.displacement,
-            test.pressure[frames],
-            name=test.name,
-            radius=test.radius,
-            ellipticity=test.ellipticity,
-        )
-        residual = None
+        # the reference itself is exact, and often the fullest
+        noisy = [block for block in test.blocks if np.nan_to_num(block.displacement).any()]
+        if not noisy:
+            return None
+        test, residual = _of_block(test, max(noisy, key=lambda b: b.measured.sum())), None
     together = np.isfinite(test.blocks[0].displacement).all(axis=2).sum(axis=1)
-    if not len(test.blocks) or together.max(initial=0) < 2 * _NEIGHBOURS:
+    if together.max(initial=0) < 2 * _NEIGHBOURS:
         return None
     count = len(test.blocks[0].reference)
     if count <= MOST_POINTS:
@@ -103,6 +94,15 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     )
     # as many points more lie within the reach of the correlation
     return replace(found, inflation=1.0 + (found.inflation - 1.0) * count / MOST_POINTS)
+
+
+def _of_block(test: BulgeTest, block: Block) -> BulgeTest:
+    """The frames of one block alone, at whatever pressure they are."""
+    alone = replace(block, frames=np.arange(len(block.frames)))
+    pressure = test.pressure[block.frames]
+    return replace(
+        test, blocks=(alone,), pressure=pressure, time=None, schedule=None, static_displacement=None
+    )
 
 
 def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
@@ -237,7 +237,7 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: Source) -> N
     edges = np.linspace(0.0, REACH, 17)
     own = float(np.mean(np.diag(product)))
     if own == 0.0:
-        return Noise(sigma, 0.0, 0.0, 1.0, source)
+        return Noise(sigma, 0.0, 1.0, source)
     off = ~np.eye(len(chosen), dtype=bool)
     centres, correlation, weight = [], [], []
     for low, high in pairwise(edges):
@@ -247,25 +247,21 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: Source) -> N
             correlation.append(float(product[inside].mean()) / own)
             weight.append(float(inside.sum()))
     if len(centres) < 4:
-        return Noise(sigma, 0.0, 0.0, 1.0, source)
-    length, share, area = _fit_correlation(
-        np.array(centres), np.array(correlation), np.array(weight)
-    )
+        return Noise(sigma, 0.0, 1.0, source)
+    length, area = _fit_correlation(np.array(centres), np.array(correlation), np.array(weight))
     # density of measured points times the area under the correlation
     away = KDTree(points).query(points, k=_NEIGHBOURS + 1)[0][:, -1]
     density = (_NEIGHBOURS + 0.5) / (np.pi * float(np.median(away)) ** 2)
     inflation = 1.0 + density * area
-    return Noise(sigma, length, share, float(np.clip(inflation, 1.0, 200.0)), source)
+    return Noise(sigma, length, float(np.clip(inflation, 1.0, 200.0)), source)
 
 
-def _fit_correlation(
-    distance: Floats, correlation: Floats, weight: Floats
-) -> tuple[float, float, float]:
-    """Length, share and area (mm²) of the best share exp(-(d/length)^k), lengths to 30 mm.
+def _fit_correlation(distance: Floats, correlation: Floats, weight: Floats) -> tuple[float, float]:
+    """Length and area (mm²) of the best share exp(-(d/length)^k), lengths to 30 mm.
 
     k = 1 and 2: subsets that overlap, and noise that was smoothed, lie between.
     """
-    best, least = (0.0, 0.0, 0.0), np.inf
+    best, least = (0.0, 0.0), np.inf
     for length in np.geomspace(2.0, 30.0, 28):
         for power, area in ((1, 2.0 * np.pi), (2, np.pi)):
             shape = np.exp(-((distance / length) ** power))
@@ -274,7 +270,7 @@ def _fit_correlation(
             miss = float((weight * (correlation - share * shape) ** 2).sum())
             # a length that the nearest points do not show would be a guess
             if miss < least and share * shape[0] > 0.02:
-                best, least = (float(length), share, share * area * float(length) ** 2), miss
+                best, least = (float(length), share * area * float(length) ** 2), miss
     return best
 
 

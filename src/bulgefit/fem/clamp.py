@@ -81,7 +81,7 @@ class Clamp:
 
     @property
     def by_compliance(self) -> Floats:
-        """∂(stiffness)/∂(compliance), (rim, 2, 2) N²/mm²: of -length/compliance² radially.
+        """∂(stiffness)/∂(compliance), (rim, 2, 2) N²/mm³: of -length/compliance² radially.
 
         Nothing where the clamp is as hard as it gets.
         """

@@ -40,14 +40,23 @@ class Mesh:
     def from_arrays(cls, nodes: ArrayLike, cells: ArrayLike) -> Mesh:
         """Check the arrays, turn clockwise cells round and return the mesh.
 
+        Nodes may have a third column, which is left out: the mesh is flat.
+
         Raises
         ------
         InputError
-            Wrong shapes, node numbers out of range, nodes of no cell or far out of any membrane,
-            cells that are degenerate or not convex, or that do not hang together.
+            Wrong shapes, no numbers, node numbers that are not whole or out of range, nodes of no
+            cell or far out of any membrane, cells that are degenerate or not convex, or that do not
+            hang together.
         """
-        points = np.ascontiguousarray(nodes, dtype=np.float64)
-        quads = np.array(cells, dtype=np.int64)
+        try:
+            points = np.ascontiguousarray(nodes, dtype=np.float64)
+            numbers = np.array(cells, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError("mesh: give nodes and cells as arrays of numbers") from error
+        if not (np.isfinite(numbers) & (numbers == np.floor(numbers))).all():
+            raise InputError("mesh: cells must name nodes by whole numbers")
+        quads = numbers.astype(np.int64)
         if points.ndim != 2 or points.shape[1] not in (2, 3) or not np.isfinite(points).all():
             raise InputError(f"mesh: nodes must be a finite (n, 2) array, got {points.shape}")
         points = np.ascontiguousarray(points[:, :2])

@@ -176,8 +176,9 @@ def traced(
         if not soft:
             return _ended(tracer, stopped, shown)
     except NewtonError as error:
-        nowhere = StoppedError(error.reason, error.cause, np.cbrt(low), 0.0, error)
-        return Traced(None, solve_error(nowhere, shown))
+        reached = tracer.levels[-1].s if tracer.levels else 0.0
+        at = max(reached, np.cbrt(low))
+        return _ended(tracer, StoppedError(error.reason, error.cause, at, reached, error), shown)
     within = within or elliptic(begun)
     return _settled(tracer, within, np.cbrt(high), shown)
 

@@ -180,12 +180,17 @@ def _settings(problem: Problem, options: FitOptions) -> dict[str, Any]:
 
 
 def stability(tests: Sequence[BulgeTest], shapes: Sequence[Shapes]) -> Stability:
-    """Where the model with these parameters stops being stable, against the frames."""
+    """Where the model with these parameters stops being stable, by the frames' own pressures.
+
+    What a frame was loaded with may be another pressure than it shows: an offset, a gain, creep.
+    """
     limits: list[float] = []
     beyond = 0
     for test, one in zip(tests, shapes, strict=True):
-        if one.stable_up_to is not None:
-            limits.append(one.stable_up_to)
-            beyond += int((test.pressure > one.stable_up_to).sum())
+        lost = test.pressure[~one.stable]
+        if len(lost):
+            below = test.pressure[test.pressure < lost.min()]
+            limits.append(float(below.max(initial=0.0)))
+            beyond += len(lost)
     wrinkled = any(one.wrinkled is not None and one.wrinkled.any() for one in shapes)
     return Stability(10.0 * min(limits) if limits else None, beyond, wrinkled)

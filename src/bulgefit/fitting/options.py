@@ -84,6 +84,12 @@ class FitOptions:
         parameters_of(self.material)
         check_method(self.method)
         check_starts(self.starts)
+        if self.seed < 0:
+            raise InputError(f"seed: must be 0 or more, got {self.seed}")
+        if self.limits is not None and self.limits.evaluations < 1:
+            raise InputError(
+                f"limits: evaluations must be 1 or more, got {self.limits.evaluations}"
+            )
 
     def problem(self, tests: Sequence[BulgeTest]) -> Problem:
         """The problem that they pose on given tests; InputError."""

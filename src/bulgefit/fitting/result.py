@@ -38,10 +38,10 @@ class Stability:
     Attributes
     ----------
     stable_up_to_bar : float or None
-        Highest solved pressure below which no tangent lost its positive definiteness, of the
-        specimen that loses it first; None where none does.
+        Highest pressure of a frame, as its test shows it, below all frames whose tangent is not
+        positive definite, of the specimen that loses it first; None where none does.
     frames_beyond : int
-        Frames at higher pressures than their specimen's. There a soft shear modulus lets the law
+        Frames whose tangent is not. There a soft shear modulus lets the law
         localise in bands as wide as a cell: the fields of the model and of the fabric need not
         agree.
     wrinkled : bool
@@ -249,8 +249,8 @@ class FitResult(Drawn, Tabled):
         )
         if self.stability.frames_beyond:
             lines.append(
-                f"warning: the model loses stability above {self.stability.stable_up_to_bar:.3g} "
-                f"bar (soft shear localises); {self.stability.frames_beyond} frames lie beyond: "
+                f"warning: the model is stable up to {self.stability.stable_up_to_bar:.3g} bar "
+                f"(soft shear localises), not in {self.stability.frames_beyond} frames: "
                 "judge the fit without them (--max-pressure)"
             )
         return "\n".join(lines)

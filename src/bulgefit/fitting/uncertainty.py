@@ -62,7 +62,7 @@ class Uncertainty:
     Attributes
     ----------
     covariance : (free, free) array
-        Of the coordinates in which the problem steps; NaN rows for what sits at a bound.
+        Of the coordinates in which the problem steps; rows of zeros for what sits at a bound.
     stderr : dict of name to float or None
         In the parameter's unit; None at a bound, or where nothing tells it.
     interval95 : dict of name to (low, high) or None

@@ -54,8 +54,6 @@ class Shapes:
     derivative : dict of name to (frames, n, 3) array
         By the parameters that change them.
     stable : (frames,) bool array
-    stable_up_to : float or None, MPa
-        Highest solved pressure below which every shape was stable; None where all are.
     wrinkled : (frames,) array or None
         Share of the Gauss points in tension-field relaxation; None where it is not known.
     factorisations : int
@@ -68,7 +66,6 @@ class Shapes:
     displacement: Floats
     derivative: dict[str, Floats]
     stable: NDArray[np.bool_]
-    stable_up_to: float | None = None
     wrinkled: Floats | None = None
     factorisations: int = 0
     error: float = 0.0
@@ -184,8 +181,9 @@ class Inflation:
         """
         high = max(self.highest, float(np.max(given.load.balanced)))
         key = given.law_parameters, high, sensitivities
-        if self._path is not None and self._path[0] == key and self._path[1].lies_as(given):
-            return self._path[2]
+        kept = self._path  # read once: a descent in another thread may put its own here
+        if kept is not None and kept[0] == key and kept[1].lies_as(given):
+            return kept[2]
         if self.setup.interpolation == "study":
             above = min(int(np.searchsorted(STUDY_LEVELS, high)), len(STUDY_LEVELS) - 1)
             high = float(STUDY_LEVELS[above])
@@ -224,13 +222,10 @@ class Inflation:
             derivative |= {n: rate[:, None, None] * by_pressure for n, rate in loads.items()}
         at = np.minimum(np.searchsorted(path.pressure, pressure), len(path.pressure) - 1)
         first = int(np.argmin(path.stable)) if not path.stable.all() else len(path.stable)
-        end = None
-        if first < len(path.stable):
-            end = float(path.pressure[first - 1]) if first else 0.0
         shapes = self._at(path, pressure)
         wrinkled = path.wrinkled[at] / (4.0 * len(path.cells))
         return Shapes(
-            values, shapes, derivative, at < first, end, wrinkled,
+            values, shapes, derivative, at < first, wrinkled,
             factorisations=path.factorisations, error=path.error_estimate,
         )  # fmt: skip
 
@@ -277,9 +272,9 @@ class Inflation:
             That path goes no further than it is stable.
         """
         membrane = self.membrane(given)
-        pressure = np.asarray(given.load.balanced, dtype=float)
-        rest = pressure <= 0.0
-        pressure = np.maximum(pressure, LEAST_PRESSURE)
+        loads = np.asarray(given.load.balanced, dtype=float)
+        rest = loads <= 0.0
+        pressure = np.maximum(loads, LEAST_PRESSURE)
         work, loose = 0, False
         if guesses is None:
             guesses, work = self._guesses(membrane, given, pressure, values, within=within)
@@ -298,10 +293,12 @@ class Inflation:
             if rest[frame]:
                 fields[:, frame] = 0.0
                 return np.zeros_like(guesses[frame]), True, 0, 0
+            # in the error of the first frame that fails: those before it are balanced
+            reached = float(loads[:frame].max(initial=0.0))
             if quarter is not None:
                 return _by_quarter(
                     membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values,
-                    loose=loose,
+                    loose=loose, reached=reached,
                 )  # fmt: skip
             known = None if self._found is None else self._found.get(frame)
             if known is not None and known.serves(given, frame, guesses[frame]):
@@ -309,7 +306,7 @@ class Inflation:
             else:
                 balance = _solved(
                     _of_frame(membrane, given, frame), guesses[frame], pressure[frame],
-                    given.stiffness, values, loose=loose,
+                    given.stiffness, values, loose=loose, reached=reached,
                 )  # fmt: skip
             if self._found is not None:
                 self._found[frame] = _Found(given, guesses[frame], balance)
@@ -319,18 +316,16 @@ class Inflation:
                 except ArithmeticError as error:
                     # a law of large softening may have a wrinkled point that no stress balances
                     reason = f"the shape has no derivatives: {error}"
-                    raise _unsolved(reason, pressure[frame], values) from error
+                    raise _unsolved(reason, pressure[frame], reached, values) from error
             return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
 
         frames = side_by_side(one, range(len(pressure)), threads)
         shapes, stable, wrinkled, spent = zip(*frames, strict=True)
-        lost = pressure[~np.array(stable)].min(initial=np.inf)
         return Shapes(
             values,
             np.array(shapes),
             dict(zip(changes, fields, strict=True)),
             np.array(stable),
-            float(pressure[pressure < lost].max(initial=0.0)) if np.isfinite(lost) else None,
             np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
             factorisations=work + sum(spent),
         )
@@ -436,9 +431,12 @@ def _by_quarter(
     values: dict[str, float],
     *,
     loose: bool,
+    reached: float,
 ) -> tuple[Floats, bool, int, int]:
     """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
-    balance = _solved(quarter.even, guess[quarter.kept], pressure, stiffness, values, loose=loose)
+    balance = _solved(
+        quarter.even, guess[quarter.kept], pressure, stiffness, values, loose=loose, reached=reached
+    )
     stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
     whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
     if wrinkled:
@@ -454,8 +452,9 @@ def _solved(
     values: dict[str, float],
     *,
     loose: bool,
+    reached: float,
 ) -> Equilibrium:
-    """Balance one frame; raises SolveError.
+    """Balance one frame; raises SolveError, which says up to which pressure others are balanced.
 
     Between the levels of a path of `loose` cloth folds come and go, and its dense output may be too
     far off for a search along the path: descent finds the shape, as it finds the levels. So it may
@@ -473,13 +472,14 @@ def _solved(
     except NewtonError as error:
         reason = f"no equilibrium near the last shape: {error.reason}"
         raise _unsolved(
-            reason, pressure, values, error.iteration, error.residual_norm, error.cause
+            reason, pressure, reached, values, error.iteration, error.residual_norm, error.cause
         ) from error
 
 
 def _unsolved(
     reason: str,
     pressure: float,
+    reached: float,
     values: dict[str, float],
     iteration: int = 0,
     residual_norm: float = 0.0,
@@ -489,7 +489,7 @@ def _unsolved(
         reason,
         cause=cause,
         pressure=float(pressure),
-        reached=float(pressure),
+        reached=reached,
         iteration=iteration,
         residual_norm=residual_norm,
         parameters=values,

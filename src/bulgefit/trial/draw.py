@@ -50,10 +50,17 @@ _FOREIGN_SHRINK = 3.0
 _WAVES, _CREASES = (320.0, 500.0), (35.0, 80.0)
 
 #: Parameters that say where or in which form an effect sits; they have no null to shrink to.
-_FORM = frozenset(
-    ("x", "y", "width", "normal", "distance", "middle", "half_width", "share", "direction",
-     "cycles", "phase", "pressure", "knee_x", "knee_y")
-)  # fmt: skip
+_FORM: dict[str, tuple[str, ...]] = {
+    "rim_lift": ("direction", "shape"),
+    "fixture_motion": ("shape",),
+    "nonlinear_material": ("knee_x", "knee_y"),
+    "soft_patch": ("x", "y", "width"),
+    "stiff_seam": ("normal", "distance", "width"),
+    "stitched_sector": ("middle", "half_width"),
+    "rotated_ply": ("share",),
+    "slipping_sector": ("middle", "half_width"),
+    "frame_bend": ("direction", "cycles", "phase"),
+}
 
 
 @dataclass(frozen=True)
@@ -243,7 +250,7 @@ def chosen_together(number: int, rng: Generator) -> tuple[str, ...]:
 
 def _shrunk(effect: str, name: str, value: float, factor: float) -> float:
     """A size brought towards its null; what says where the effect sits stays."""
-    if name in _FORM:
+    if name in _FORM.get(effect, ()):
         return value
     null = STATED_POISSON_RATIO if effect == "poisson_ratio" else 0.0
     return null + factor * (value - null)

@@ -1,6 +1,6 @@
 """Which effects does the catalogue know, and how large may each be?
 
-Names, units and signs are those of docs/gap.md; each null is 0, but for `poisson_ratio`.
+Names, units and signs are those of docs/house.md; each null is 0, but for `poisson_ratio`.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ KNOWN: dict[str, Sizes] = {
     "clamp_lobes": lambda rng: plane(rng, ("c3", "s3"), 0.004, 0.015),
     # the axes of the reported displacement are turned: u_seen = R u
     "frame_misalignment": lambda rng: vector(rng, "rotation", 0.1, 1.5),
-    # the edge rises by amplitude × max(0, cos(φ - direction)) P (1 - exp(-p/P)), P = pressure, bar
+    # the edge rises by amplitude × max(0, cos(φ - direction)) (1 - exp(-s p)) / s, s = shape, 1/bar
     "rim_lift": _rim_lift,
 }
 

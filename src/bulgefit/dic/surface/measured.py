@@ -157,7 +157,7 @@ def measure(
     sigma = np.full(3, np.nan) if noise is None else noise_in_windows(noise)
     if not _can_hold_enough(test, window):
         raise _too_narrow(test, window)  # before a grid of a great many places
-    places = _places(test, window) if points is None else _given(points, test.radius)
+    places = _places(test, window) if points is None else _given(points, test)
     if _most_points(test, places, window) < fewest_points():
         raise _too_narrow(test, window)  # before the fields of a great many narrow windows
     apex = surface_of(test, np.zeros((1, 2)), window, sigma)
@@ -217,17 +217,17 @@ def _rim(test: BulgeTest) -> tuple[Floats | None, Floats | None]:
     return np.asarray(rotation, dtype=np.float64), np.asarray(shift, dtype=np.float64)
 
 
-def _given(points: ArrayLike, radius: float) -> Floats:
+def _given(points: ArrayLike, test: BulgeTest) -> Floats:
     try:
         places = np.asarray(points, dtype=np.float64)
     except (TypeError, ValueError):
         places = np.empty(0)
     if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
         raise InputError("points: give an array of (x, y) in mm, one row a place")
-    if (np.hypot(*places.T) > radius).any():
-        raise InputError(
-            f"points: some lie outside the clamp, beyond {radius:g} mm from its centre"
-        )
+    if (np.hypot(*test.on_circle(places).T) > test.radius).any():
+        a, b = test.semi_axes
+        clamp = f"semi-axes of {a:g} and {b:g} mm" if test.ellipticity else f"{a:g} mm"
+        raise InputError(f"points: some lie outside the clamp, beyond {clamp} from its centre")
     return places
 
 

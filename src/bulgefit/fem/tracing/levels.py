@@ -168,7 +168,7 @@ class Tracer:
             self.wasted += error.work
             # a copy: the error itself holds this object by its traceback, in a circle
             self.failure = NewtonError(
-                error.reason, error.iteration, error.residual_norm, error.work
+                error.reason, error.iteration, error.residual_norm, error.work, error.cause
             )
             raise
         self.work += balance.factorisations

@@ -149,8 +149,8 @@ def _quality(result: Result) -> list[str]:
     beyond = result["stability"]["frames_beyond"]
     if beyond:
         lines.append(
-            f"The model loses stability above {result['stability']['stable_up_to_bar']:.3g} bar; "
-            f"{beyond} frames lie beyond: judge the fit without them (--max-pressure)."
+            f"The model is stable up to {result['stability']['stable_up_to_bar']:.3g} bar, "
+            f"not in {beyond} frames: judge the fit without them (--max-pressure)."
         )
     return lines
 
