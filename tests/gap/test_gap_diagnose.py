@@ -7,6 +7,7 @@ import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,14 @@ from bulgefit.gap.caveats import in_doubt, left_of_the_mesh, left_out, of_the_fi
 from bulgefit.gap.diagnose import diagnose
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import CATALOGUE, SHEAR
+from bulgefit.gap.effects import MODULI as MODULI_OF_CLOTH
 from bulgefit.gap.evidence.coordinates import Coordinates
 from bulgefit.gap.evidence.descend import descend
-from bulgefit.gap.follow_up.holdout import judge_held_out
+from bulgefit.gap.follow_up.advise import _normal
+from bulgefit.gap.follow_up.holdout import _cloth_of, judge_held_out
 from bulgefit.gap.keys import at_edge, specimen_values
 from bulgefit.gap.prepare import Prepared, prepare
+from bulgefit.gap.regress import regress, starting_moduli
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh
@@ -117,6 +121,7 @@ def test_a_law_that_is_held_is_told() -> None:
         ({"clamp_slip.compliance": -1.0}, None, "clamp_slip.compliance must be 0 or more"),
         ({"clamp_slip.compliance@0": 0.1}, None, "what is held is so in every test"),
         ({"stiffness_field.b0": 0.1}, None, "stiffness_field is a field"),
+        ({"specimen_factor.warp": 1.05}, None, "specimen_factor is each specimen's own"),
         ({"clamp_slip.compliance": 0.1}, CANDIDATES, "clamp_slip is among the effects to try"),
     ],
 )
@@ -125,6 +130,19 @@ def test_what_cannot_be_held_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=said):
         diagnose(made({}), effects=effects, held=held)
+
+
+@pytest.mark.parametrize("factor", [20.0, 0.01])
+def test_moduli_go_with_the_pressure(factor: float) -> None:
+    """Shapes are those of p/E: of aramid films and of elastomers as of what is woven."""
+    test = made({})
+    woven, scaled = (
+        regress([data := prepare(one).data], MODULI_OF_CLOTH, starting_moduli([data]))
+        for one in (test, replace(test, pressure=factor * test.pressure))
+    )
+    assert scaled.converged
+    for key in MODULI_OF_CLOTH:
+        assert scaled.values[key] == pytest.approx(factor * woven.values[key], rel=1e-3)
 
 
 def test_units_are_fixed_anew_where_the_search_comes_to(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -486,6 +504,49 @@ def test_what_belongs_to_the_rig_is_known_of_a_kept_out_specimen(
         assert {*freed} & {"clamp_shape", "rim_field"} == whose
 
 
+@pytest.mark.parametrize("rig", [True, False])
+def test_what_one_test_says_of_its_rig_is_known_of_another(rig: bool) -> None:
+    keys = ["E1", "clamp_shape.ellipticity", "nonlinear_material.k_x", "pressure_offset.offset"]
+    values = {Key.of(name): 1.0 for name in keys}
+    alone = SimpleNamespace(predictions=[None], values=values)
+    cloth = _cloth_of(alone, same_rig=rig)  # type: ignore[arg-type]
+    assert {*cloth} == {"E1", "nonlinear_material.k_x", *(["clamp_shape.ellipticity"] * rig)}
+
+
+def test_copies_of_frames_of_a_kept_out_test_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One would be fitted and the other judged."""
+    prepared: list[int] = []
+
+    def ends(test: BulgeTest, *_: object) -> None:
+        prepared.append(test.n_frames)
+        if len(prepared) == 2:
+            raise InputError("seen")
+
+    monkeypatch.setattr("bulgefit.gap.diagnose.prepare", ends)
+    test = made({}, frames=10)
+    (block,) = test.blocks
+    twice = BulgeTest.from_arrays(
+        block.reference, np.repeat(block.displacement, 2, axis=0), np.repeat(test.pressure, 2)
+    )
+    with pytest.raises(InputError, match="seen"):
+        diagnose(test, holdout=twice)
+    assert prepared == [10, 10]
+
+
+def test_what_was_measured_counts_by_the_models_doubt(offset: Diagnosis) -> None:
+    """A frame that is half in doubt tells a quarter; one that is yet to be taken is in none."""
+    data = offset.prepared[0].data
+    doubted = replace(data, trust=np.full(len(data.used), 0.5))
+    keys = [Key.of(name) for name in MODULI]
+    plain, half = (
+        _normal(d, d.specimen, MODULI, keys, as_measured=True)
+        for d in (replace(data, trust=None), doubted)
+    )
+    np.testing.assert_allclose(half, 0.25 * plain, rtol=1e-12)
+    ahead = _normal(doubted, data.specimen, MODULI, keys)
+    assert (np.diag(ahead) >= np.diag(plain)).all()
+
+
 def test_what_only_the_kept_out_specimen_has_is_found() -> None:
     """A gauge of its own that errs, and a stiffness about its cloth's, which is known."""
     own = {"pressure_offset.offset": -0.02, "specimen_factor.warp": 1.06}
@@ -539,6 +600,8 @@ def test_a_held_out_test_that_cannot_be_met_costs_no_diagnosis(
         ("pressure_offset.offset", -0.06, True),
         ("nonlinear_material.knee_x", 0.004, True),
         ("E1", 20.0, True),
+        ("rim_lift.direction", 180.0, False),
+        ("rim_lift.direction", -200.0, False),
     ],
 )
 def test_what_lies_at_the_edge_of_what_is_plausible(key: str, value: float, edge: bool) -> None:

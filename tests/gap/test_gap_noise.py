@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.noise import estimate_noise, noise_of
@@ -13,7 +14,13 @@ from bulgefit.errors import InputError
 from bulgefit.gap.bands import BANDS, excess_roughness
 from bulgefit.gap.caveats import left_out
 from bulgefit.gap.data import Data
-from bulgefit.gap.prepare import _usable_frames, drop_outliers, fix_units, prepare
+from bulgefit.gap.prepare import (
+    _usable_frames,
+    drop_outliers,
+    fix_units,
+    prepare,
+    renew_noise,
+)
 from bulgefit.gap.specimen import Specimen
 
 SIGMA = np.array([0.006, 0.006, 0.015])
@@ -105,6 +112,20 @@ def test_bands_that_grow_by_and_by_are_seen_where_they_have_outgrown_the_field(
     frames, rough_from = _usable_frames(bulge_test(points, seen))
     assert rough_from is not None
     assert 7 <= len(frames) <= 10
+
+
+@pytest.mark.parametrize("moved", ["turned", "shifted"])
+def test_a_camera_that_has_moved_is_no_roughness(points: np.ndarray, moved: str) -> None:
+    """By a degree, or by two millimetres, before the first frame."""
+    seen = dome(points, 14) + SIGMA * np.random.default_rng(9).normal(size=(14, len(points), 3))
+    where = points + seen
+    if moved == "turned":
+        c, s = np.cos(np.deg2rad(1.0)), np.sin(np.deg2rad(1.0))
+        where = where @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    else:
+        where[..., 0] += 2.0
+    still, other = (excess_roughness(points[:, :2], d) for d in (seen, where - points))
+    np.testing.assert_allclose(other, still, rtol=0.1)
 
 
 def test_frames_in_which_nothing_moved_bound_no_other(points: np.ndarray) -> None:
@@ -257,6 +278,31 @@ def test_mixtures_count_as_what_was_recorded(points: np.ndarray) -> None:
     assert thinned.inflation == pytest.approx(16 / 7 * alone)
     (warning,) = [w for w in left_out([other]) if "mixtures" in w]
     assert "its 16 frames are linear mixtures of 7" in warning
+
+
+@pytest.mark.parametrize("persistent", [0.0, 0.5])
+def test_noise_of_mixtures_is_that_of_what_was_recorded(
+    points: np.ndarray, persistent: float
+) -> None:
+    """Of 12 frames 24 are made by a spline; half of the noise is there in every one of them."""
+    rng = np.random.default_rng(6)
+    fresh, same = (rng.normal(size=(n, len(points), 3)) * SIGMA for n in (12, 1))
+    noise = np.sqrt(1.0 - persistent) * fresh + np.sqrt(persistent) * same
+    test = bulge_test(points, dome(points, 12) + noise)
+    root = np.cbrt(np.linspace(test.pressure[0], test.pressure[-1], 24))
+    mixed = CubicSpline(np.cbrt(test.pressure), test.blocks[0].displacement)(root)
+    prepared = prepare(bulge_test(points, mixed))
+    assert prepared.data.mixture == 2.0
+    clean = CubicSpline(np.cbrt(test.pressure), dome(points, 12))(root)
+    renew_noise(prepared, clean)
+    data, left = prepared.data, (mixed - clean) / SIGMA
+    assert data.persistent == pytest.approx(persistent, abs=0.05)
+    # each point and component has a mean over the frames
+    truth = 24 * left.mean(axis=0).var() / left.var()
+    assert data.inflation == pytest.approx(truth, rel=0.15)
+    # of every third point as much, where nothing is correlated in space
+    assert data.thinned(3).inflation == pytest.approx(truth, rel=0.15)
+    assert data.in_space == pytest.approx(1.0, abs=0.3)
 
 
 def test_what_was_interpolated_straight_is_judged_by_what_was_recorded(points: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
+from bulgefit.dic.mixtures import independent_frames
 
 __all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
@@ -115,7 +116,8 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
     residual : (frames, n, 3) array, mm, optional
         Measured minus modelled. What the model misses goes smoothly with pressure, while noise is
         drawn anew for every frame: the difference between a frame and what its neighbours in
-        pressure say of it is noise, and keeps its correlation in space.
+        pressure say of it is noise, and keeps its correlation in space. Of frames that are
+        mixtures the neighbours hold the same noise, and what a local surface leaves is it.
     """
     (block,) = test.blocks
     points = np.asarray(block.reference[:, :2], dtype=float)
@@ -124,13 +126,16 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
         # a camera that moved between the images is no noise
         field = field - np.nanmean(field, axis=1, keepdims=True)
         return _describe(points, field, _robust(field), Source.AT_REST)
-    if residual is not None and len(residual) >= _LEAST_FRAMES:
-        field = _flattened(points, _frame_differences(np.asarray(test.pressure), residual))
-        noise = _describe(points, field, _robust(field), Source.FRAMES)
-        return _with_persistent(noise, _robust(rough_part(points, residual)), len(residual))
-    field = np.asarray(block.displacement if residual is None else residual, dtype=float)
-    rough = rough_part(points, field)
-    return _describe(points, rough, _robust(rough), Source.FIELD)
+    rough = rough_part(points, np.asarray(block.displacement if residual is None else residual))
+    if residual is None or len(residual) < _LEAST_FRAMES:
+        return _describe(points, rough, _robust(rough), Source.FIELD)
+    pressure = np.asarray(test.pressure, dtype=float)
+    if independent_frames(test) < test.n_frames:
+        noise = _describe(points, rough, _robust(rough), Source.FIELD)
+        return _with_persistent(noise, _share_of_both_halves(pressure, rough), len(rough))
+    field = _flattened(points, _frame_differences(pressure, residual))
+    noise = _describe(points, field, _robust(field), Source.FRAMES)
+    return _beside_persistent(noise, _robust(rough), len(residual))
 
 
 def _static_images(test: BulgeTest) -> Floats:
@@ -141,14 +146,31 @@ def _static_images(test: BulgeTest) -> Floats:
     return field[np.isfinite(field).any(axis=1).all(axis=1)]
 
 
-def _with_persistent(noise: Noise, rough: Floats, frames: int) -> Noise:
+def _beside_persistent(noise: Noise, rough: Floats, frames: int) -> Noise:
     """What is rough in space beyond the noise of a frame comes back in every frame."""
     sigma = np.maximum(noise.sigma, rough)
     share = float(np.mean(1.0 - (noise.sigma / sigma) ** 2))
+    found = _with_persistent(noise, share, frames)
+    return replace(found, sigma=sigma) if found.persistent else noise
+
+
+def _with_persistent(noise: Noise, share: float, frames: int) -> Noise:
+    """Noise of which a share of the variance comes back in every frame."""
     if share < 0.1:  # within what the two estimates differ by on the same noise
         return noise
     inflation = share * frames + (1.0 - share) * noise.inflation
-    return replace(noise, sigma=sigma, inflation=inflation, persistent=share)
+    return replace(noise, inflation=inflation, persistent=share)
+
+
+def _share_of_both_halves(pressure: Floats, rough: Floats) -> float:
+    """Share of the variance that a frame has in common with one half of all frames away.
+
+    So far apart two mixtures of frames hold none in common.
+    """
+    ordered = rough[np.argsort(pressure, kind="stable")]
+    half = len(ordered) // 2
+    ordered = ordered / np.sqrt(np.nanmean(ordered**2, axis=(0, 1)))
+    return max(0.0, float(np.nanmean(ordered[half:] * ordered[:-half])))
 
 
 def _frame_differences(pressure: Floats, field: Floats) -> Floats:

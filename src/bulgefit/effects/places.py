@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.fem.clamp import LEAST_COMPLIANCE
 
@@ -79,10 +79,19 @@ class Clock:
     @property
     def decades(self) -> Floats:
         """Decades (frames,) of time since the first frame of all, in their median intervals."""
+        return self._decades(self.passed)
+
+    @property
+    def course(self) -> Floats:
+        """The same over those (frames,) of the last frame of all."""
+        whole = self._decades(np.ptp(self.schedule))
+        return np.asarray(self.decades / max(float(whole), _INSTANT))
+
+    def _decades(self, passed: ArrayLike) -> Floats:
         step = 1.0
         if len(self.schedule) > 1:
             step = max(float(np.median(np.diff(np.sort(self.schedule)))), _INSTANT)
-        return np.asarray(np.log10(1.0 + np.maximum(self.passed, 0.0) / step))
+        return np.asarray(np.log10(1.0 + np.maximum(passed, 0.0) / step))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.sizes import implied_stiffness
 
 __all__ = ["bounds_from", "implied_modulus", "start_box"]
 
@@ -30,30 +31,28 @@ _STARTS: Mapping[str, tuple[float, float]] = {
 }
 
 
+#: Rise over the radius below which a cap's strain, two thirds of its square, is lost in rounding.
+_LEAST_RISE = 1e-3
+
+
 def implied_modulus(tests: Sequence[BulgeTest]) -> float | None:
     """Mean modulus (MPa) that a spherical cap through rim and apex implies; None where none can.
 
-    A cap of radius R = (a² + w²)/2w carries N = pR/2 per length and is longer than the flat disc by
-    the log strain e = ln(R asin(a/R)/a); N = E t e/(1 - ν) under equal biaxial tension. Within a
-    third of the clamped disc's solution up to strains of some 10 % (Beams, 1959, "Mechanical
-    properties of thin films").
+    A cap (`implied_stiffness`) is within a third of the clamped disc's solution up to strains of
+    some 10 % (Beams, 1959, "Mechanical properties of thin films").
     """
     found = []
     for test in tests:
         rise = np.asarray(test.apex_displacement, dtype=float)
-        seen = np.isfinite(rise) & (test.pressure > 0.0) & (rise > 0.0) & (rise < test.radius)
-        if not seen.any():
-            continue
-        height, pressure = rise[seen], np.asarray(test.pressure, dtype=float)[seen]
-        radius = (test.radius**2 + height**2) / (2.0 * height)
-        strain = np.log(radius * np.arcsin(np.minimum(test.radius / radius, 1.0)) / test.radius)
-        tension = 0.5 * pressure * radius
-        usable = strain > 1e-6
-        if usable.any():
-            modulus = (1.0 - test.poisson_ratio) * tension[usable] / strain[usable]
+        pressure = np.asarray(test.pressure, dtype=float)
+        seen = (pressure > 0.0) & (rise > _LEAST_RISE * test.radius) & (rise < test.radius)
+        if seen.any():
             # high pressures hide slack and initial height
-            heavy = pressure[usable] >= np.median(pressure[usable])
-            found.append(float(np.median(modulus[heavy])) / test.thickness)
+            heavy = seen & (pressure >= np.median(pressure[seen]))
+            stiffness = implied_stiffness(
+                pressure[heavy], rise[heavy], test.radius, test.poisson_ratio
+            )
+            found.append(float(np.median(stiffness)) / test.thickness)
     return float(np.median(found)) if found else None
 
 

@@ -38,7 +38,8 @@ def excess_roughness(points: Floats, displacement: Floats) -> Floats:
     (frames,) array
     """
     rough = np.clip(rough_part(points, displacement), -_STRAY, _STRAY)
-    level, size = (np.sqrt(np.nanmean(d[..., :2] ** 2, axis=(1, 2))) for d in (rough, displacement))
+    field = np.stack([_without_motion(points, frame[:, :2]) for frame in displacement])
+    level, size = (np.sqrt(np.nanmean(d[..., :2] ** 2, axis=(1, 2))) for d in (rough, field))
     growth = np.maximum(size[:, None] / np.maximum(size, np.finfo(float).tiny), 1.0)
     # a frame without any roughness is no measurement, and bounds nothing
     bound = np.where(level > 0.0, level, np.inf) * growth
@@ -47,6 +48,20 @@ def excess_roughness(points: Floats, displacement: Floats) -> Floats:
     for frame in range(3, len(level)):
         excess[frame] = level[frame] / medians[frame, : frame - 2].min()
     return excess
+
+
+def _without_motion(points: Floats, field: Floats) -> Floats:
+    """In-plane field (points, 2) less the shift and turn of the camera that show in it.
+
+    They leave no roughness, and would hide how much the field itself has grown.
+    """
+    x, y = points.T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    # rows dx and dy of each point; columns the shifts and a turn
+    basis = np.stack([[one, none], [none, one], [-y, x]], axis=-1).swapaxes(0, 1)
+    seen = np.isfinite(field).all(axis=1)
+    found, *_ = np.linalg.lstsq(basis[seen].reshape(-1, 3), field[seen].ravel(), rcond=None)
+    return np.asarray(field - basis @ found)
 
 
 def first_with_bands(points: Floats, displacement: Floats) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -120,6 +121,8 @@ def _cause(found: Explanation, group: Owned, excess: float) -> Cause:
     for key in found.groups[group]:
         value, parameter = found.final.values[key], effect.parameter(key.parameter)
         at_bound |= at_edge(key, value)
+        if parameter.period is not None:
+            value = math.remainder(value, parameter.period)
         parameters[str(key._replace(effect=""))] = {
             "value": float(value),
             "stderr": float(errors[key]),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.noise import Noise
 from bulgefit.gap.specimen import Specimen
 from bulgefit.model.sight import Prediction, Sight
 
@@ -106,7 +107,7 @@ class Data:
             specimen,
             self.sigma,
             self.used[:, points],
-            self.mixture * (persists + (1.0 - self.persistent) * apart),
+            persists + self.mixture * (1.0 - self.persistent) * apart,
             self.persistent,
             None if self.mesh is None else self.mesh[:, points],
             self.trust,
@@ -131,11 +132,21 @@ class Data:
         specimen.correction = self.specimen.correction
         return replace(self, specimen=specimen)
 
+    def take_noise(self, noise: Noise) -> None:
+        """Go by another estimate of the noise.
+
+        What persists comes back in every frame, mixture or not; what is drawn anew, in those alone
+        that are independent.
+        """
+        self.sigma, self.persistent = noise.sigma, noise.persistent
+        persists = noise.persistent * len(self.used)
+        self.inflation = persists + self.mixture * (noise.inflation - persists)
+
     @property
     def in_space(self) -> float:
         """`inflation` by what is correlated in space, of the noise that each frame has anew."""
         anew, persists = 1.0 - self.persistent, self.persistent * len(self.used)
-        return (self.inflation / self.mixture - persists) / anew if anew > 0.0 else 1.0
+        return (self.inflation - persists) / (anew * self.mixture) if anew > 0.0 else 1.0
 
     @property
     def in_a_frame(self) -> float:

@@ -13,7 +13,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.given import GivenTests, distinctly_named, given_tests
 from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key
-from bulgefit.effects.registry import fields
+from bulgefit.effects.registry import fields, scatter
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.problem import Prior
 from bulgefit.gap.causes import causes_of, verdict_of
@@ -21,7 +21,7 @@ from bulgefit.gap.caveats import in_doubt, lacked_by, left_of_the_mesh, left_out
 from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import MODULI, chosen_effects
-from bulgefit.gap.explain import START, explain
+from bulgefit.gap.explain import explain
 from bulgefit.gap.follow_up.advise import advise
 from bulgefit.gap.follow_up.holdout import judge_held_out
 from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
@@ -36,7 +36,7 @@ from bulgefit.gap.prepare import (
     renew_noise,
     settle,
 )
-from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.regress import Regression, regress, starting_moduli
 from bulgefit.gap.residual.locate import azimuthal_modes
 from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.scatter import scatter_of
@@ -117,7 +117,7 @@ def diagnose(
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
     if holdout is not None:
-        *_, holdout = distinctly_named([*given, holdout])
+        *_, holdout = distinctly_named([*given, *given_tests(holdout)])
     _same_ratio(given if holdout is None else [*given, holdout])
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
@@ -161,9 +161,8 @@ def diagnose(
             say("held-out test")
             unusable = _lacking(wanted, [kept_out.data.specimen.test])
             usable = [e for e in wanted if e.id not in unusable]
-            same = same_rig and len(given) > 1
             try:
-                met = judge_held_out(kept_out, found, usable, weight, say, same_rig=same)
+                met = judge_held_out(kept_out, found, usable, weight, say, same_rig=same_rig)
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
             unmet += lacked_by(kept_out, found)
@@ -204,6 +203,8 @@ def _not_held(effects: Iterable[Effect], held: Mapping[str, float], *, named: bo
     known = {key.effect for key in keys}
     if never := sorted(known & set(fields())):
         raise InputError(f"held: {never[0]} is a field, which is looked for where it is needed")
+    if never := sorted(known & set(scatter())):
+        raise InputError(f"held: {never[0]} is each specimen's own, which is found of several")
     found = [e for e in effects if e.id not in known]
     if named and (twice := [e.id for e in effects if e.id in known]):
         raise InputError(f"held: {twice[0]} is among the effects to try, too; leave it out of one")
@@ -248,7 +249,7 @@ def _believed(priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
 def _baseline(prepared: Sequence[Prepared]) -> Regression:
     """Moduli alone; then the mesh's error is taken off and outliers left out, and again."""
     data = [p.data for p in prepared]
-    rough = regress([_few_frames(d) for d in data], MODULI, START)
+    rough = regress([_few_frames(d) for d in data], MODULI, starting_moduli(data))
     first = regress(data, MODULI, rough.values)
     for p, prediction in zip(prepared, first.predictions, strict=True):
         renew_noise(p, prediction.displacement)

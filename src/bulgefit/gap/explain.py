@@ -28,16 +28,13 @@ from bulgefit.gap.found_fields import creases_found, field_found
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.pace import Pace, Stage
 from bulgefit.gap.prepare import Prepared
-from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.regress import Regression, regress, starting_moduli
 from bulgefit.gap.residual.structure import structure
 from bulgefit.parallel.memory import give_back
 
-__all__ = ["START", "explain"]
+__all__ = ["explain"]
 
 Floats = NDArray[np.float64]
-
-#: Where descents start (MPa): a coated fabric with stiff shear, which is stable everywhere.
-START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 
 
 def explain(
@@ -83,7 +80,8 @@ def explain(
     nulls = [d.specimen.nulls() for d in whole]
     coordinates = Coordinates.of(usable, nulls, priors, same_rig=same_rig)
     null = np.concatenate([g.null for g in coordinates.groups])
-    start, origin = (_with_moduli(null, moduli) for moduli in (START, baseline.values))
+    first = starting_moduli(whole)
+    start, origin = (_with_moduli(null, moduli) for moduli in (first, baseline.values))
     best = most_probable(prepared, coordinates, start, origin, say, pace, thorough=thorough)
     search, weighing, fit = best.search, best.weighing, best.fit
     layout, coordinates, offsets = search.layout, search.problem.coordinates, weighing.offsets

@@ -70,6 +70,8 @@ def _is_offsets(key: Key) -> bool:
 def at_edge(key: Key, value: float) -> bool:
     """Whether a freed parameter sits at the edge of its plausible range."""
     parameter = parameter_of(key)
+    if parameter.period is not None:
+        return False  # beyond it the same comes again
     near = 1e-3 * (parameter.upper - parameter.lower)
     low = value - parameter.lower < near and not parameter.begins_at_null
     return bool(parameter.upper - value < near or low)

@@ -204,9 +204,7 @@ def renew_noise(prepared: Prepared, modelled: Floats) -> None:
         return
     residual = np.where(data.used, data.specimen.measured - modelled, np.nan)
     prepared.noise = estimate_noise(test, residual)
-    data.sigma = prepared.noise.sigma
-    data.inflation = data.mixture * prepared.noise.inflation
-    data.persistent = prepared.noise.persistent
+    data.take_noise(prepared.noise)
 
 
 def drop_outliers(prepared: Prepared, modelled: Floats) -> None:

@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Key
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.gap.data import Data
-from bulgefit.gap.effects import SHEAR
+from bulgefit.gap.effects import MODULI, SHEAR
 from bulgefit.gap.keys import columns_of, names_of, parameter_of, specimen_values
 from bulgefit.gap.normal import NormalEquations, normal_equations, scales
 from bulgefit.gap.step import along, bounded_step
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.sight import Prediction
 
-__all__ = ["Regression", "regress"]
+__all__ = ["Regression", "regress", "starting_moduli"]
 
 Floats = NDArray[np.float64]
+
+#: Where descents start (MPa): a coated fabric with stiff shear, which is stable everywhere.
+_START = dict(zip(MODULI, (320.0, 210.0, 20.0), strict=True))
 
 MAX_ITERATIONS = 16
 #: A fit has converged where a step promises less than this sum of squares, and this share of what
@@ -103,6 +107,16 @@ class _Point:
         return self.normal.whole.square
 
 
+def starting_moduli(data: Sequence[Data]) -> dict[Key, float]:
+    """Where descents start (MPa): a coated fabric, but within what the tests' rise says."""
+    box = start_box([d.specimen.test for d in data])
+    out = {}
+    for key, usual in _START.items():
+        low, high = box.get(key.name, (usual, usual))
+        out[key] = float(np.clip(usual, low, high))
+    return out
+
+
 def regress(
     data: Sequence[Data],
     keys: Sequence[Key],
@@ -130,7 +144,7 @@ def regress(
         No equilibrium at the start.
     """
     keys = tuple(keys)
-    bounds = np.array([_bounds(key) for key in keys])
+    bounds = _bounds(data, keys)
     values = dict(start)
     for key, (low, high) in zip(keys, bounds, strict=True):
         values[key] = float(np.clip(values[key], low, high))
@@ -147,7 +161,7 @@ def regress(
         [None] * len(data),
         converged,
         _inverse(here.normal.whole.hessian),
-        _is_held(keys, here.values, bounds),
+        _is_held(keys, here.values, bounds, _bounds(data, keys)),
     )
 
 
@@ -210,10 +224,18 @@ def _relaxed(damping: float) -> float:
     return damping / _FIRMER if damping > _LEAST_DAMPING else 0.0
 
 
-def _bounds(key: Key) -> tuple[float, float]:
-    """Plausible range of a freed parameter."""
-    parameter = parameter_of(key)
-    return parameter.lower, parameter.upper
+def _bounds(data: Sequence[Data], keys: Sequence[Key]) -> Floats:
+    """Plausible ranges (keys, 2): what is woven has, and what the tests' rise says they may have.
+
+    An elastomer is softer, and a film of aramid stiffer, than what is woven.
+    """
+    implied = bounds_from([d.specimen.test for d in data])
+    out = []
+    for key in keys:
+        parameter = parameter_of(key)
+        low, high = implied.get(key.name, (parameter.lower, parameter.upper))
+        out.append((min(low, parameter.lower), max(high, parameter.upper)))
+    return np.array(out).reshape(-1, 2)
 
 
 def _hold_shear(bounds: Floats, keys: Sequence[Key], values: Mapping[Key, float]) -> None:
@@ -222,12 +244,14 @@ def _hold_shear(bounds: Floats, keys: Sequence[Key], values: Mapping[Key, float]
         bounds[keys.index(SHEAR), 0] = values[SHEAR]
 
 
-def _is_held(keys: Sequence[Key], values: Mapping[Key, float], bounds: Floats) -> bool:
-    """Whether G12 ended where it was held."""
+def _is_held(
+    keys: Sequence[Key], values: Mapping[Key, float], bounds: Floats, plausible: Floats
+) -> bool:
+    """Whether G12 ended where it was held, above the least that is plausible."""
     if SHEAR not in keys:
         return False
-    lowest = bounds[keys.index(SHEAR), 0]
-    return bool(lowest > _bounds(SHEAR)[0] and values[SHEAR] <= lowest * (1.0 + 1e-9))
+    lowest, least = (of[keys.index(SHEAR), 0] for of in (bounds, plausible))
+    return bool(lowest > least and values[SHEAR] <= lowest * (1.0 + 1e-9))
 
 
 def _destabilised(before: Sequence[Prediction], after: Sequence[Prediction]) -> bool:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_moduli", "about_sizes", "about_thickness"]
+__all__ = ["about_moduli", "about_sizes", "about_thickness", "implied_stiffness"]
+
+Floats = NDArray[np.float64]
 
 # Highest pressures, MPa, between which a test on a fabric is expected (0.02 to 10 bar).
 _USUAL_PRESSURE = (0.002, 1.0)
@@ -111,7 +114,8 @@ def _about_stiffness(test: BulgeTest) -> Iterator[Suspicion]:
     pressure, rise = rise_at_centre(test)
     if not len(rise) or pressure[-1] <= 0 or rise[-1] == 0:
         return
-    stiffness = implied_stiffness(pressure[-1], abs(rise[-1]), test.radius, test.poisson_ratio)
+    cap = implied_stiffness(pressure[-1], abs(rise[-1]), test.radius, test.poisson_ratio)
+    stiffness = float(cap)
     modulus = stiffness / test.thickness
     seen = (
         f"a rise of {abs(rise[-1]):.3g} mm at {pressure[-1] * 10:.3g} bar asks for E t of about "
@@ -134,19 +138,23 @@ def _about_stiffness(test: BulgeTest) -> Iterator[Suspicion]:
         )
 
 
-def implied_stiffness(pressure: float, rise: float, radius: float, poisson_ratio: float) -> float:
-    """E t (N/mm) of a spherical cap under equal tension all round.
+def implied_stiffness(
+    pressure: ArrayLike, rise: ArrayLike, radius: float, poisson_ratio: float
+) -> Floats:
+    """E t (N/mm) of spherical caps under equal tension all round.
 
     Its tension is p R / 2, and its strain the logarithm of the arc over the chord. Orthotropic
     membranes of known moduli come out 0.6 to 1.1 times the mean of theirs.
 
     Parameters
     ----------
-    pressure : float, MPa
-    rise, radius : float, mm
+    pressure : float or array, MPa
+    rise : float or array, mm
+    radius : float, mm
     poisson_ratio : float
     """
+    pressure, rise = np.asarray(pressure, dtype=float), np.asarray(rise, dtype=float)
     curvature_radius = (radius**2 + rise**2) / (2 * rise)
     half_angle = 2 * np.arctan2(rise, radius)
     strain = np.log(half_angle * curvature_radius / radius)
-    return float((1 - poisson_ratio) * pressure * curvature_radius / 2 / strain)
+    return np.asarray((1 - poisson_ratio) * pressure * curvature_radius / 2 / strain)

@@ -29,9 +29,9 @@ _LOOK = 360
 class SlowSlipField(Field):
     """The rim moves inwards by Σ (c cos mφ + s sin mφ) t D^k, t its traction, D decades of time.
 
-    D is over its value at the last frame. All round (m = 0) t is the traction that there is, over
-    10 N/mm: the clamp gives more as time passes. Else it is told by pressure, over its value at the
-    highest (`Clamping.loaded`).
+    D is over its value at the last frame of all that were recorded. All round (m = 0) t is the
+    traction that there is, over 10 N/mm: the clamp gives more as time passes. Else it is told by
+    pressure, over its value at the highest (`Clamping.loaded`).
     """
 
     id = "slow_slip_field"
@@ -54,8 +54,7 @@ class SlowSlipField(Field):
         """See the class."""
         if clamping.clock is None or not any(own.values()):
             return clamping
-        passed = clamping.clock.decades
-        course = passed / max(float(passed.max()), 1e-9)
+        course = clamping.clock.course
         gives = np.sum([own[f"c0_{k}"] * course**k for k in _PACES], axis=0) / _TRACTION
         if gives.any():
             clamping = replace(clamping, eased=clamping.giving(gives))

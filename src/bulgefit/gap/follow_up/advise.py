@@ -87,14 +87,14 @@ def advise(data: Sequence[Data], found: Explanation) -> list[Advice]:
     size = np.array([_plausible(key) for key in keys[len(keys) - rival :]])
     here = found.final.predictions[index].shapes
     values = specimen_values(found.final.values, index)
-    base = _normal(d, d.specimen, values, keys, near=here, used=d.used)
+    base = _normal(d, d.specimen, values, keys, near=here, as_measured=True)
     options: dict[str, Callable[[], Floats]] = {
         _ALONE: lambda: base,
         _LOW: lambda: (
             base + _normal(d, _with_pressures(d, np.geomspace(5e-4, 5e-3, 6)), values, keys, more=6)
         ),
         _RIM: lambda: base + _normal(d, _with_rim_points(d), values, keys, near=here),
-        _TURNED: lambda: base + _normal(d, _turned(d.specimen), values, keys, used=d.used),
+        _TURNED: lambda: base + _normal(d, _turned(d.specimen), values, keys, as_measured=True),
         Further.AT_REST: lambda: base + _told(keys, Further.AT_REST),
         Further.SHAPE: lambda: base + _told(keys, Further.SHAPE),
         Further.HOLD: lambda: base + _told(keys, Further.HOLD),
@@ -142,16 +142,15 @@ def _normal(
     *,
     near: Shapes | None = None,
     more: int | None = None,
-    used: NDArray[np.bool_] | None = None,
+    as_measured: bool = False,
 ) -> Floats:
     """Normal matrix of a (further) measurement, or its first frames, with the final parameters.
 
-    Of all its rows, or those that are `used`.
+    Of all its rows, or of those that were measured, with as much doubt.
     """
-    rows = specimen.predict(values, [key.name for key in keys], near).derivative[:, :more] / d.sigma
+    rows = specimen.predict(values, [key.name for key in keys], near).derivative[:, :more]
     rows *= np.array([by_value(key.name, values) for key in keys])[:, None, None, None]
-    if used is not None:
-        rows = np.where(used, rows, 0.0)
+    rows = rows * (d.weight if as_measured else 1.0 / d.sigma)
     flat = rows.reshape(len(keys), -1)
     return flat @ flat.T / d.inflation
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key
+from bulgefit.effects.registry import effect_named
 from bulgefit.gap.course import most_probable
 from bulgefit.gap.data import Data
 from bulgefit.gap.effects import MODULI
@@ -101,7 +102,7 @@ def judge_held_out(
     renew_noise(prepared, alone)
     drop_outliers(prepared, alone)
 
-    cloth = _cloth_of(found.final)
+    cloth = _cloth_of(found.final, same_rig=same_rig)
     own = _of_its_own(prepared, cloth, effects, np.flatnonzero(fitted), say, same_rig=same_rig)
     values = {key.name: value for key, value in own.values.items()}
     full = _predicted(prepared, {**cloth, **values})
@@ -126,7 +127,7 @@ def judge_held_out(
     )
 
 
-def _cloth_of(final: Regression) -> dict[str, float]:
+def _cloth_of(final: Regression, *, same_rig: bool) -> dict[str, float]:
     """What a further specimen shares with these, by name.
 
     Of several, what no one owns is the cloth's or the rig's; the moduli are the mean specimen's.
@@ -134,7 +135,8 @@ def _cloth_of(final: Regression) -> dict[str, float]:
     several = len(final.predictions) > 1
 
     def common(key: Key) -> bool:
-        return is_shared(key) or (several and key.specimen is None)
+        of_rig = same_rig and bool(key.effect) and effect_named(key.effect).of_rig
+        return is_shared(key) or of_rig or (several and key.specimen is None)
 
     return {key.name: value for key, value in of_the_cloth(final.values).items() if common(key)}
 
