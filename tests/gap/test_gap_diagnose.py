@@ -509,7 +509,9 @@ def test_what_one_test_says_of_its_rig_is_known_of_another(rig: bool) -> None:
     keys = ["E1", "clamp_shape.ellipticity", "nonlinear_material.k_x", "pressure_offset.offset"]
     values = {Key.of(name): 1.0 for name in keys}
     alone = SimpleNamespace(predictions=[None], values=values)
-    cloth = _cloth_of(alone, same_rig=rig)  # type: ignore[arg-type]
+    cloth = _cloth_of(alone, 0.9, same_rig=rig)  # type: ignore[arg-type]
+    # where its stiffness varies, its moduli are those of most places
+    assert (cloth["E1"], cloth["nonlinear_material.k_x"]) == (0.9, 1.0)
     assert {*cloth} == {"E1", "nonlinear_material.k_x", *(["clamp_shape.ellipticity"] * rig)}
 
 

@@ -80,3 +80,20 @@ def test_where_no_shape_is_at_its_end_a_step_is_halved(
     monkeypatch.undo()
     assert len(tried) == 3 * FOLDS
     assert told == pytest.approx(by_hand(data, fit, 0.25), rel=1e-6)
+
+
+def test_where_no_shape_is_on_the_way_the_step_is_told_to_first_order(
+    data: Data, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gap of what was fitted is none of what is held out."""
+    fit = short_of_it(data)
+    whole = data.specimen.predict
+
+    def predict(values: dict[str, float], names: Any, *args: Any) -> Any:
+        if not names:  # shapes alone
+            raise InputError("no such cloth")
+        return whole(values, names, *args)
+
+    monkeypatch.setattr(data.specimen, "predict", predict)
+    told = held_out_gap([data], fit, 0.1)
+    assert told == held_out_gap([data], replace(fit, converged=True), 0.1)

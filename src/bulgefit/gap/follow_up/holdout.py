@@ -102,7 +102,7 @@ def judge_held_out(
     renew_noise(prepared, alone)
     drop_outliers(prepared, alone)
 
-    cloth = _cloth_of(found.final, same_rig=same_rig)
+    cloth = _cloth_of(found.final, found.level.value, same_rig=same_rig)
     own = _of_its_own(prepared, cloth, effects, np.flatnonzero(fitted), say, same_rig=same_rig)
     values = {key.name: value for key, value in own.values.items()}
     full = _predicted(prepared, {**cloth, **values})
@@ -127,10 +127,12 @@ def judge_held_out(
     )
 
 
-def _cloth_of(final: Regression, *, same_rig: bool) -> dict[str, float]:
+def _cloth_of(final: Regression, level: float, *, same_rig: bool) -> dict[str, float]:
     """What a further specimen shares with these, by name.
 
     Of several, what no one owns is the cloth's or the rig's; the moduli are the mean specimen's.
+    Where the stiffness of one varies from place to place, they are those of most places: times the
+    `level` of that.
     """
     several = len(final.predictions) > 1
 
@@ -138,7 +140,11 @@ def _cloth_of(final: Regression, *, same_rig: bool) -> dict[str, float]:
         of_rig = same_rig and bool(key.effect) and effect_named(key.effect).of_rig
         return is_shared(key) or of_rig or (several and key.specimen is None)
 
-    return {key.name: value for key, value in of_the_cloth(final.values).items() if common(key)}
+    return {
+        key.name: value * (level if key in MODULI else 1.0)
+        for key, value in of_the_cloth(final.values).items()
+        if common(key)
+    }
 
 
 def _of_its_own(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,19 +90,23 @@ def _by_derivatives(d: Data, p: Prediction, fit: Regression, index: int) -> Iter
 
 
 def _by_shapes(d: Data, p: Prediction, fit: Regression, index: int) -> Iterator[Floats]:
-    """The same from the shapes at the end of each step, or as far along it as there are any."""
+    """The same from the shapes at the end of each step, or as far along it as there are any.
+
+    Where there are none a sixteenth of the way along, to first order.
+    """
     for fold in range(FOLDS):
         steps = dict(zip(fit.columns, fit.normal.step_without(fold), strict=True))
-        seen = p.displacement
         for halved in range(_HALVINGS):
             moved = {k: along(k, fit.values[k], s / 2**halved) for k, s in steps.items()}
             values = {**fit.values, **moved}
             try:
-                seen = d.specimen.predict(specimen_values(values, index), (), p.shapes).displacement
+                there = d.specimen.predict(specimen_values(values, index), (), p.shapes)
             except (SolveError, InputError):  # as a descent, it goes half as far
                 continue
+            yield there.displacement
             break
-        yield seen
+        else:
+            yield next(islice(_by_derivatives(d, p, fit, index), fold, None))
 
 
 def noise_gap(data: Sequence[Data], weight: float) -> Gap:
