@@ -90,37 +90,6 @@ def test_sensitivities_are_those_of_the_balanced_shapes() -> None:
         assert np.abs(error).max() < 1e-6 * np.abs(found).max()
 
 
-def linear_interpolation_bound(path: Path, levels: np.ndarray) -> np.ndarray:
-    """The study's bound on the error of linear interpolation in pressure, mm, per interval.
-
-    |u(p) - linear| <= (Δp)²/8 max |d²u/dp²| on each interval (its eq. 2), with the curvature of the
-    dense output at both ends and the middle.
-    """
-    step = np.diff(levels)
-    bound = np.zeros(len(step))
-    for i, (low, h) in enumerate(zip(levels[:-1], step, strict=True)):
-        d = 0.1 * h
-        centres = np.array([low + d, low + 0.5 * h, low + h - d])
-        for centre in centres:
-            before, here, after = path([centre - d, centre, centre + d])
-            bound[i] = max(bound[i], float(np.abs(before - 2 * here + after).max()) / d**2)
-    return bound * step**2 / 8
-
-
-def test_linear_interpolation_and_its_bound() -> None:
-    path = trace(Membrane(disc(100.0, 2), 0.81), orthotropic_stiffness(*CONSTANTS), tolerance=1e-5)
-    middle = 0.5 * (LEVELS[:-1] + LEVELS[1:])
-    at_levels = path(LEVELS)
-    linear = path.linear(middle, LEVELS)
-    np.testing.assert_allclose(linear, 0.5 * (at_levels[:-1] + at_levels[1:]), atol=1e-12)
-    error = np.abs(linear - path(middle)).max(axis=(1, 2))
-    bound = linear_interpolation_bound(path, LEVELS)
-    assert (error[1:] <= 1.001 * bound[1:]).all()
-    assert (error[1:] >= 0.3 * bound[1:])[5:].all()  # and it is no empty bound
-    with pytest.raises(InputError, match="outside the levels"):
-        path.linear([0.31], LEVELS)
-
-
 def test_blown_up_and_down_again() -> None:
     """A cycle of inflation ends where it began: nothing artificial stays in the shape."""
     membrane = Membrane(disc(100.0, 2), 0.81)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["coverage", "is_near_centre_only"]
+__all__ = ["FIELD", "coverage", "is_near_centre_only"]
 
 Floats = NDArray[np.floating]
 
+#: Coverage from which points are a field rather than lines or a patch.
+FIELD = 0.5
 # Measured points reach at least this part of the clamp radius.
 _NEAR_CENTRE = 0.5
 # Square bins of a tenth of the radius: wider than the spacing of any usable field.

@@ -16,7 +16,7 @@ from bulgefit.dic.registry import Recording, one_line, reader
 from bulgefit.errors import InputError
 from bulgefit.files import checksum_of, memory_for, open_regular
 
-__all__ = ["read_npz"]
+__all__ = ["READ_HEADER", "read_npz"]
 
 # The last record of a zip archive: its signature and the size of the archive's directory.
 _END = struct.Struct("<4s8xL6x")
@@ -25,7 +25,8 @@ _LARGEST_DIRECTORY = 1 << 20
 # What numpy writes. Others (bzip2, LZMA) may ask for memory of their own.
 _COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _CHUNK = 1 << 22
-_READ_HEADER = {
+#: Of the versions of the npy format that numpy writes of plain arrays.
+READ_HEADER = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
@@ -86,9 +87,9 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, key: str, path: Pat
 def _header(stream: IO[bytes], key: str, path: Path) -> tuple[tuple[int, ...], bool, Any]:
     start = stream.read(len(np.lib.format.MAGIC_PREFIX) + 2)
     version = tuple(start[-2:])
-    if start[:-2] != np.lib.format.MAGIC_PREFIX or version not in _READ_HEADER:
+    if start[:-2] != np.lib.format.MAGIC_PREFIX or version not in READ_HEADER:
         raise InputError(f"{path}: {key} is not a numpy array; save it with numpy.savez")
-    shape, fortran, dtype = _READ_HEADER[version](stream)
+    shape, fortran, dtype = READ_HEADER[version](stream)
     if dtype.hasobject:
         raise InputError(
             f"{path}: holds pickled Python objects, which are not loaded; save plain arrays"

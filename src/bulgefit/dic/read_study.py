@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.keyed_arrays import need_memory
+from bulgefit.dic.read_npz import READ_HEADER
 from bulgefit.dic.registry import Recording, one_line, reader
 from bulgefit.dic.safe_pickle import Shell, UnsafePickleError, load_shells, to_array
 from bulgefit.dic.units import PRESSURE
@@ -17,10 +18,6 @@ from bulgefit.files import checksum_of, memory_for, open_regular
 
 __all__ = ["read_study"]
 
-_READ_HEADER = {
-    (1, 0): np.lib.format.read_array_header_1_0,
-    (2, 0): np.lib.format.read_array_header_2_0,
-}
 _LAYOUT = "the study's layout is rows of [(n, 6) array x y z dx dy dz in mm, pressure in GPa]"
 
 
@@ -74,10 +71,10 @@ def _load(file: IO[bytes], path: Path) -> Any:
 
 def _dtype_of_header(file: IO[bytes]) -> np.dtype[Any]:
     version = np.lib.format.read_magic(file)
-    if version not in _READ_HEADER:
+    if version not in READ_HEADER:
         raise ValueError(f"npy version {version[0]}.{version[1]} is not one of 1.0 and 2.0")
     try:
-        _, _, dtype = _READ_HEADER[version](file)
+        _, _, dtype = READ_HEADER[version](file)
     except Exception as error:  # a damaged header can raise nearly anything
         raise ValueError(f"damaged header: {one_line(error)}") from None
     return dtype

@@ -68,21 +68,6 @@ class Path:
         """Displacement (k, n, 3) mm at pressures (k,) MPa: the dense output."""
         return combine(self.weights(pressure), self.displacement, self.slope)
 
-    def linear(self, pressure: ArrayLike, levels: ArrayLike) -> Floats:
-        """Displacement (k, n, 3) mm, linear between `levels` (MPa) as the study interpolates."""
-        p, knots = np.atleast_1d(pressure), np.asarray(levels, dtype=float)
-        if p.min() < knots[0] or p.max() > knots[-1]:
-            raise InputError(
-                f"pressure {10 * p.min():g} to {10 * p.max():g} bar lies outside the levels "
-                f"{10 * knots[0]:g} to {10 * knots[-1]:g} bar"
-            )
-        after = np.clip(np.searchsorted(knots, p, side="left"), 1, len(knots) - 1)
-        share = (p - knots[after - 1]) / (knots[after] - knots[after - 1])
-        needed, place = np.unique(np.concatenate([after - 1, after]), return_inverse=True)
-        shapes = self(knots[needed])
-        low, high = place[: len(p)], place[len(p) :]
-        return (1 - share)[:, None, None] * shapes[low] + share[:, None, None] * shapes[high]
-
     def stiffness_sensitivity(self, pressure: ArrayLike) -> Floats:
         """∂u/∂(D11, D22, D12, D33) at pressures (k,) MPa: (4, k, n, 3) mm/MPa."""
         if self.sensitivity is None or self.sensitivity_slope is None:

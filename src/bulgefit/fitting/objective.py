@@ -293,7 +293,7 @@ class Objective:
         """
         total, slope = 0.0, np.zeros(columns[0].shape[1])
         for look in self.looks(shapes, names):
-            total += float((look.scale * self._summed(look.residual)).sum())
+            total += float((look.scale * self.summed(look.residual)).sum())
             by_name = look.gathered(look.pull(squared=self.squared)).sum(axis=(1, 2))
             slope -= by_name @ columns[look.test]
         return total, slope
@@ -416,11 +416,11 @@ class Objective:
             total = np.zeros((len(view.rows), 3))
             for chunk in _chunks(view.points):
                 left = self._look(test, view, chunk, total, shapes, ()).residual
-                total = total + self._summed(left)
+                total = total + self.summed(left)
             found.append(total)
         return found
 
-    def _summed(self, residual: Floats) -> Floats:
+    def summed(self, residual: Floats) -> Floats:
         """Of |r|, or of r²/2, over the points of each frame, (k, 3)."""
         size = 0.5 * residual**2 if self.squared else np.abs(residual)
         return np.asarray(np.nansum(size, axis=1))

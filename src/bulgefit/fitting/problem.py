@@ -396,19 +396,8 @@ class Problem:
         if self.objective.is_sampled and not self.all_data:
             none = [()] * len(self.objective.tests)
             looks = self.objective.looks(None, none, sampled=True)
-            return float(
-                sum(
-                    np.nansum(
-                        look.scale[:, None]
-                        * (
-                            0.5 * look.residual**2
-                            if self.objective.squared
-                            else np.abs(look.residual)
-                        )
-                    )
-                    for look in looks
-                )
-            )
+            sums = (look.scale * self.objective.summed(look.residual) for look in looks)
+            return float(sum(np.sum(of_one) for of_one in sums))
         return self.objective.value(None)
 
     def _start_of(self, parameter: Parameter, key: Key) -> float:

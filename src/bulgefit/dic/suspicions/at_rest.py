@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_images_at_rest", "about_inflated_images"]
+__all__ = ["AT_REST", "about_images_at_rest", "about_inflated_images"]
 
 Floats = NDArray[np.floating]
 
-# Displacement, mm, that may be seen at rest.
-_AT_REST = 0.1
+#: Displacement, mm, that may be seen at rest.
+AT_REST = 0.1
 # Standard errors by which a height tells itself from noise.
 _SURE = 5.0
 
@@ -26,7 +26,7 @@ def about_inflated_images(test: BulgeTest) -> Iterator[Suspicion]:
         return
     x, y = (test.blocks[0].reference[:, :2] / test.radius).T.astype(float)
     rises = [_rise(x, y, image[:, 2].astype(float)) for image in test.static_displacement]
-    found = [index for index, rise in enumerate(rises) if abs(rise) > _AT_REST]
+    found = [index for index, rise in enumerate(rises) if abs(rise) > AT_REST]
     if found:
         largest = max((rises[index] for index in found), key=abs)
         which = ", ".join(map(str, found))
@@ -71,7 +71,7 @@ def about_images_at_rest(test: BulgeTest) -> Iterator[Suspicion]:
                 f"export {key} of the images at rest, or leave them out",
             )
     mean = [float(values.mean()) if len(values) else np.nan for values in known]
-    if np.nanmax(np.abs(mean)) > _AT_REST:
+    if np.nanmax(np.abs(mean)) > AT_REST:
         shown = ", ".join(f"{value:.2f}" for value in mean)
         yield Suspicion(
             "static_displaced",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.coverage import coverage, is_near_centre_only
+from bulgefit.dic.coverage import FIELD, coverage, is_near_centre_only
 from bulgefit.dic.outliers import stray_points
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
@@ -22,8 +22,6 @@ _FLAT = 0.5
 _OFF_PLANE = 0.1
 # Part of the points that may be lost without a word.
 _FEW_LOST = 0.05
-# Coverage from which points are a field rather than lines or a patch.
-_FIELD = 0.5
 # Part of the rise by which a paraboloid may have fallen at the point nearest the centre: it is 6 %
 # in stiffness (E t ~ w^-3).
 _UNSEEN = 0.02
@@ -105,7 +103,7 @@ def _about_coverage(test: BulgeTest, points: Floats) -> Iterator[Suspicion]:
             "bulgefit convert IN OUT --unit reference=UNIT/mm if positions are in another unit, "
             "or give --radius",
         )
-    elif whole < _FIELD:
+    elif whole < FIELD:
         yield Suspicion(
             "low_coverage",
             f"points cover {whole:.0%} of the disc only",

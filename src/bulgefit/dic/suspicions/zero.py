@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.coverage import coverage
+from bulgefit.dic.coverage import FIELD, coverage
 from bulgefit.dic.rim import rim_of
 from bulgefit.dic.suspicions.apex import rise_at_centre
+from bulgefit.dic.suspicions.at_rest import AT_REST
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
 __all__ = ["about_offsets", "about_zero"]
@@ -19,15 +20,11 @@ Floats = NDArray[np.floating]
 
 # An apex grows by more than this part where the pressure doubles; that of a membrane by a quarter.
 _NO_GROWTH = 0.05
-# Displacement, mm, that may be seen at rest.
-_AT_REST = 0.1
 # Zero error of a pressure transducer, relative to its range (accuracy class 0.5).
 _GAUGE = 0.005
 # A centre that is off by this part of the radius puts heights at the rim off by 2 % of the rise
 # (slope 2 w0/a), which is 6 % in stiffness (E t ~ w^-3).
 _OFF_CENTRE = 0.01
-# Coverage from which points are a field rather than lines or a patch.
-_FIELD = 0.5
 # A mean displacement in plane, mm, and its part of the largest one, which symmetry forbids.
 _OFFSET, _OFFSET_PART = 0.1, 0.1
 
@@ -53,7 +50,7 @@ def _about_first_frame(test: BulgeTest, pressure: Floats, rise: Floats) -> Itera
     # p/w of a clamped membrane grows with w, whether it starts flat (w^2), pretensioned or domed,
     # so that a lighter frame stands above the chord from rest to the heaviest one
     least = abs(after) * (low - _GAUGE * high) / high
-    if abs(after) < test.radius and least - abs(before) > _AT_REST:
+    if abs(after) < test.radius and least - abs(before) > AT_REST:
         missing = abs(after) * float(np.cbrt(low / high))
         yield Suspicion(
             "zero_under_pressure",
@@ -84,7 +81,7 @@ def about_offsets(test: BulgeTest) -> Iterator[Suspicion]:
     """Displacement at rest, and a motion of all points together."""
     frame = int(np.abs(test.pressure).argmin())
     rise = test.apex_displacement[frame]
-    if abs(test.pressure[frame]) < 1e-3 * test.pressure.max() and abs(rise) > _AT_REST:
+    if abs(test.pressure[frame]) < 1e-3 * test.pressure.max() and abs(rise) > AT_REST:
         yield Suspicion(
             "displaced_at_rest",
             f"at rest (frame {frame}) the apex already stands at {rise:.2f} mm",
@@ -100,7 +97,7 @@ def _about_motion(test: BulgeTest) -> Iterator[Suspicion]:
     known = np.isfinite(displacement).all(axis=1)
     in_plane = displacement[known, :2]
     # the mean over a lopsided field is not 0 even where all is well
-    if len(in_plane) < 20 or coverage(test.on_circle(reference[known]), test.radius)[0] < _FIELD:
+    if len(in_plane) < 20 or coverage(test.on_circle(reference[known]), test.radius)[0] < FIELD:
         return
     offset = in_plane.mean(axis=0)
     if np.abs(offset).max() > max(_OFFSET, _OFFSET_PART * np.abs(in_plane - offset).max()):
