@@ -35,7 +35,8 @@ SEEDS = tuple(range(1119, 1125))
 #: Tests of a part.
 NUMBER = 50
 KEPT = Path(__file__).parent / "final"
-#: What is kept of an answer: what was said. Maps, and how it was come to, are many times that.
+#: What is kept of an answer: what was said. How it was come to, and fields' maps, are many times
+#: that.
 SAID = (
     "verdict", "error", "causes", "fields", "law", "scatter", "parameters", "gap", "seconds",
 )  # fmt: skip
@@ -63,7 +64,9 @@ def answer(part: int, folder: Path, workers: int) -> None:
     run(place, SEEDS[part - 1], workers, {"number": NUMBER, "recipe": Recipe(shrink=TO_NOISE)})
     asked, _, records = answered_in(place)
     for record in records:
-        record["answer"] = {k: record["answer"][k] for k in SAID if k in record["answer"]}
+        said = {k: record["answer"][k] for k in SAID if k in record["answer"]}
+        fields = [{k: v for k, v in f.items() if k != "map"} for f in said.get("fields") or ()]
+        record["answer"] = {**said, "fields": fields}
     KEPT.mkdir(exist_ok=True)
     lines = [{"program": program, **asked}, *records]
     _kept(part).write_text("".join(f"{json.dumps(line)}\n" for line in lines), encoding="utf-8")
