@@ -224,6 +224,24 @@ def test_the_page_of_what_is_public_has_all_of_it():
     assert all(getattr(bulgefit, name).__doc__ for name in told)
 
 
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: bulgefit.read_test(EXAMPLE, radius="a"), "radius: give a number, not 'a'"),
+        (lambda: bulgefit.read_test(EXAMPLE, warp_angle=True), "warp_angle: give a number"),
+        (lambda: bulgefit.read_test(EXAMPLE, at_rest=1.5), "at_rest: give a whole number"),
+        (lambda: bulgefit.read_test(EXAMPLE, semi_axes=3), "semi_axes: give two lengths"),
+        (lambda: bulgefit.read_test(EXAMPLE, semi_axes=(1, "b")), "semi_axes along y: give a num"),
+        (lambda: bulgefit.fit(EXAMPLE, workers=0), "workers: give a whole number of 1 or more"),
+        (lambda: bulgefit.diagnose(EXAMPLE, workers=-1), "workers: give a whole number"),
+        (lambda: bulgefit.diagnose(EXAMPLE, priors={"E1": 3}), r"prior of E1: give a Prior\(mean"),
+    ],
+)
+def test_options_that_cannot_be(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
 def test_missing_extras_are_named(test, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
     with pytest.raises(InputError, match=r"pip install \"bulgefit\[pandas\]\""):

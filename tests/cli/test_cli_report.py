@@ -73,6 +73,16 @@ def test_a_json_that_moved_finds_the_test_beside_it(folder, monkeypatch, capsys)
     assert capsys.readouterr().err == ""
 
 
+def test_a_folder_that_moved_holds_the_test_beside_the_json(folder, monkeypatch, capsys):
+    """The test was read from elsewhere, which is not there any more."""
+    told = json.loads(Path("fit.json").read_text())
+    told["sources"][0]["source"] = "/measured/long ago/bulge.npz"
+    Path("fit.json").write_text(json.dumps(told))
+    assert main(["report", "fit.json"]) == 0
+    assert 'id="surface"' in Path("fit.html").read_text()
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -52,6 +52,18 @@ def test_mixtures_have_the_rank_of_what_was_recorded(recorded: int, dtype: type)
     assert f"the 20 frames are linear mixtures of {recorded}" in said.text
 
 
+@pytest.mark.parametrize("rounding", [0.0, 8e-13, 2e-6])
+def test_a_reference_image_is_no_mixture(rounding: float) -> None:
+    """DIC systems write it as exact zeros, or as what rounding leaves of them."""
+    test = dome(COMMON, 0.001)
+    (block,) = test.blocks
+    still = rounding * np.random.default_rng(4).normal(size=block.displacement[:1].shape)
+    moved = np.concatenate([still, block.displacement])
+    with_it = BulgeTest.from_arrays(block.reference, moved, [0.0, *COMMON])
+    assert independent_frames(with_it) == 21
+    assert not [s for s in suspicions(with_it) if s.code == "frames_interpolated"]
+
+
 def test_recorded_frames_are_independent() -> None:
     test = dome(COMMON, 0.001)
     assert independent_frames(test) == 20

@@ -307,6 +307,41 @@ def test_a_patch_near_the_centre_says_nothing_of_the_disc(arrays):
     assert "positions_not_displacements" not in said
 
 
+@pytest.mark.parametrize("degrees", [1.0, 6.0])
+def test_a_reference_that_leans_is_told(example, degrees):
+    """Of a test that was left in the cameras' axes; a cloth that hangs askew does not lean."""
+    block, angle = example.blocks[0], np.deg2rad(degrees)
+    turn = np.array(
+        [[np.cos(angle), 0.0, -np.sin(angle)], [0.0, 1.0, 0.0], [np.sin(angle), 0.0, np.cos(angle)]]
+    )
+    flat = {"radius": example.radius, "thickness": example.thickness}
+    turned = BulgeTest.from_arrays(
+        block.reference @ turn, block.displacement @ turn, example.pressure, **flat
+    )
+    (said,) = [one for one in alarms(turned) if one.code == "reference_tilted"]
+    assert f"leans by {degrees:.2g} degrees" in said.text
+    x, y = (block.reference[:, :2] / example.radius).T
+    hangs = np.array(block.reference, dtype=float)
+    hangs[:, 2] += (1.0 - x * x - y * y) * (3.0 + 1.5 * x - 1.0 * y)
+    askew = BulgeTest.from_arrays(hangs, block.displacement, example.pressure, **flat)
+    assert "reference_tilted" not in {one.code for one in suspicions(askew)}
+
+
+def test_a_dome_under_suction_is_told(arrays):
+    arrays["pressure"][0] *= -1.0
+    (said,) = [s for s in alarms(BulgeTest.from_arrays(**arrays)) if s.code == "dome_under_suction"]
+    assert "less than outside, the apex stands at 1" in said.text
+
+
+def test_positions_that_were_taken_off_twice_are_told(arrays):
+    for key in both("d"):
+        arrays[key] = arrays[key] - arrays["reference"]
+    said = {one.code: one for one in alarms(BulgeTest.from_arrays(**arrays))}
+    one = said["positions_not_displacements"]
+    assert "the positions were taken off a displacement" in one.text
+    assert one.remedy == "convert the export without --from-positions"
+
+
 def test_single_frames_lines_and_rings_are_not_judged(example):
     block = example.blocks[0]
     r = np.hypot(*block.reference[:, :2].T)

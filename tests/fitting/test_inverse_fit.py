@@ -540,3 +540,20 @@ def test_moduli_of_a_cloth_whose_face_is_seen() -> None:
     wrong = fit(test, starts=1).material.values
     assert wrong["G12"] > 2.0 * truth["G12"]
     assert wrong["E1"] < 0.98 * truth["E1"]
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-12])
+def test_the_reference_image_is_no_frame(make: Maker, setup: Setup, rounding: float) -> None:
+    """Exports have it beside the others; as one of them it would say that there is less noise."""
+    test = make(noise=0.02)
+    (block,) = test.blocks
+    still = np.full_like(block.displacement[:1], rounding)
+    with_it = BulgeTest.from_arrays(
+        block.reference, np.concatenate([still, block.displacement]), [0.0, *test.pressure]
+    )
+    alone = BulgeTest.from_arrays(block.reference, block.displacement, test.pressure)
+    found, same = (fit(t, bounds=BOUNDS, starts=1, setup=setup) for t in (with_it, alone))
+    for name in BOUNDS:
+        assert found.uncertainty.stderr[name] == same.uncertainty.stderr[name]
+        assert found.material.values[name] == same.material.values[name]
+    assert found.quality.misfit_over_noise == same.quality.misfit_over_noise

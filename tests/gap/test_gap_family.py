@@ -129,8 +129,9 @@ def test_advice_is_about_the_test_that_has_the_effect(found: Diagnosis) -> None:
         rest = ["E1", "E2", "G12", "prestrain.slack_x", "prestrain.slack_y"]
         own = ["clamp_shape.ellipticity", "clamp_shape.radius_error"]
         near = doubted.final.predictions[index].shapes
-        seen = data.specimen.predict(values, [*rest, *own], near).derivative / data.sigma
-        columns = np.where(data.used, seen, 0.0).reshape(len(seen), -1).T
+        seen = data.specimen.predict(values, [*rest, *own], near).derivative
+        # frames in which the fabric wrinkles count by the model's doubt
+        columns = (seen * data.weight).reshape(len(seen), -1).T
         imitate, ours = np.split(columns, [len(rest)], axis=1)
         left = ours - imitate @ np.linalg.lstsq(imitate, ours, rcond=None)[0]
         ranges = [effect_named("clamp_shape").parameter(key.split(".")[1]) for key in own]

@@ -177,7 +177,8 @@ def _same(source: Mapping[str, Any], folder: Path, reading: Mapping[str, Any]) -
 
     if not source["source"]:
         raise InputError("it was made in memory")
-    places = [Path(source["source"]), folder / source["source"]]
+    where = Path(source["source"])
+    places = [where, folder / where, folder / where.name]
     there = next((place for place in places if place.exists()), None)
     if there is None:
         raise InputError(f"{source['source']} is no longer there")

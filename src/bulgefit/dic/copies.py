@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.reference_image import shows_nothing
 
 __all__ = ["copied_frames", "without_copies"]
 
@@ -42,7 +43,7 @@ def _content(test: BulgeTest, frame: int) -> bytes | None:
     for block in test.blocks:
         for row in np.flatnonzero(block.frames == frame):
             moved = block.displacement[row]
-            if not np.nan_to_num(moved).any():
+            if shows_nothing(moved):
                 return None
             return test.pressure[frame].tobytes() + block.reference.tobytes() + moved.tobytes()
     return None

@@ -11,6 +11,7 @@ from typing import Any
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.copies import without_copies
 from bulgefit.dic.readers import read_test
+from bulgefit.dic.reference_image import without_reference
 from bulgefit.errors import InputError, kind_of
 
 __all__ = ["GivenTest", "GivenTests", "distinctly_named", "given_test", "given_tests"]
@@ -45,7 +46,7 @@ def given_tests(tests: Any) -> list[BulgeTest]:
     """One or several tests, each as it is or by its path, under names that tell them apart.
 
     Each frame is there once: one that was written twice would count twice, and errors come out too
-    small.
+    small. So would they by the reference image, which is left out.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def given_tests(tests: Any) -> list[BulgeTest]:
     """
     if isinstance(tests, (BulgeTest, str, os.PathLike)) or not isinstance(tests, Iterable):
         tests = [tests]
-    return distinctly_named([without_copies(given_test(test)) for test in tests])
+    return distinctly_named([without_reference(without_copies(given_test(test))) for test in tests])
 
 
 def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.reference_image import RESOLVED, shows_nothing
 
-__all__ = ["NOISE", "independent_frames", "values_of"]
+__all__ = ["independent_frames", "values_of"]
 
 Floats = NDArray[np.float64]
 
@@ -19,8 +20,6 @@ Floats = NDArray[np.float64]
 #: fall to rounding. Those of computed fields fall on and on, by 10 to 50 from one to the next, as
 #: the coefficients of a smooth path do.
 _FALL = 100.0
-#: No camera resolves 10 nm, a ten thousandth of a pixel of 0.1 mm: what lies below is no noise.
-NOISE = 1e-5
 #: Values of a frame that are looked at: many times the frames there are.
 _MOST_VALUES = 6000
 
@@ -34,13 +33,13 @@ def independent_frames(test: BulgeTest) -> int:
         return test.n_frames
     (block,) = test.blocks
     moved = np.asarray(block.displacement, dtype=np.float64)
-    still = ~np.nan_to_num(moved).any(axis=(1, 2))
+    still = np.array([shows_nothing(frame) for frame in moved])
     moved = moved[~still]
     values = values_of(moved)
     if len(values) < 2 or values.shape[1] < 2 * len(values):
         return test.n_frames
     sizes = np.linalg.svd(values, compute_uv=False) / np.sqrt(values.shape[1])
-    falls = (sizes[1:] < NOISE) & (sizes[:-1] > NOISE) & (sizes[1:] * _FALL < sizes[:-1])
+    falls = (sizes[1:] < RESOLVED) & (sizes[:-1] > RESOLVED) & (sizes[1:] * _FALL < sizes[:-1])
     rank = int(np.argmax(falls)) + 1 if falls.any() else len(sizes)
     return rank + int(still.sum())
 

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.mixtures import independent_frames
+from bulgefit.dic.reference_image import shows_nothing
 
 __all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
@@ -78,7 +79,7 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     """
     if len(test.blocks) > 1:
         # the reference itself is exact, and often the fullest
-        noisy = [block for block in test.blocks if np.nan_to_num(block.displacement).any()]
+        noisy = [block for block in test.blocks if not shows_nothing(block.displacement)]
         if not noisy:
             return None
         test, residual = _of_block(test, max(noisy, key=lambda b: b.measured.sum())), None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,10 @@ def read_test(
     tell = say or _silent
     for line in load_plugins():
         tell(line)
+    lengths = {"radius": radius, "thickness": thickness}
+    _need_numbers({**lengths, "poisson_ratio": poisson_ratio, "warp_angle": warp_angle})
+    if at_rest is not None and not isinstance(at_rest, Integral):
+        raise InputError(f"at_rest: give a whole number of images, not {at_rest!r}")
     source = source_of(path)
     path = source.path
     try:
@@ -147,6 +152,13 @@ def read_test(
     )
 
 
+def _need_numbers(given: Mapping[str, Any]) -> None:
+    """Refuse what is no number, of what was given; InputError."""
+    for key, value in given.items():
+        if value is not None and (not isinstance(value, Real) or isinstance(value, bool)):
+            raise InputError(f"{key}: give a number, not {value!r}")
+
+
 def _silent(line: str) -> None:
     """Say nothing."""
 
@@ -163,7 +175,11 @@ def _clamp(
         return {"radius": _given(radius, recording.radius, "radius", path), "ellipticity": oval}
     if radius is not None:
         raise InputError("--radius and --semi-axes do not go together: an ellipse has no radius")
-    a, b = semi_axes
+    axes = list(semi_axes) if isinstance(semi_axes, Iterable) else []
+    if len(axes) != 2:
+        raise InputError(f"semi_axes: give two lengths in mm, along x and y, not {semi_axes!r}")
+    a, b = axes
+    _need_numbers({"semi_axes along x": a, "semi_axes along y": b})
     if not (0 < a < math.inf and 0 < b < math.inf):
         raise InputError(f"--semi-axes {a:g} {b:g}: give two lengths above 0 mm, along x and y")
     return {"radius": (a + b) / 2, "ellipticity": (a - b) / (a + b)}

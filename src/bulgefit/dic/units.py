@@ -7,7 +7,7 @@ import reprlib
 
 from bulgefit.errors import InputError
 
-__all__ = ["ANGLE", "LENGTH", "PRESSURE", "PURE", "TIME", "factor"]
+__all__ = ["ANGLE", "LENGTH", "PRESSURE", "PURE", "TIME", "factor", "usual"]
 
 LENGTH = {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
 PRESSURE = {
@@ -24,6 +24,21 @@ PRESSURE = {
 TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 ANGLE = {"degree": 1.0, "deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
 PURE = {"1": 1.0, "": 1.0}
+
+#: Other ways to write units of pressure. A gauge's own (barg, psig) count from the air outside, as
+#: pressures of a bulge do.
+_USUAL = {
+    **dict.fromkeys(("N/mm²", "N/mm2", "N/mm**2"), "N/mm^2"),
+    **dict.fromkeys(("Bar", "BAR", "barg", "bar(g)"), "bar"),
+    **dict.fromkeys(("mBar", "mBAR"), "mbar"),
+    **dict.fromkeys(("PSI", "Psi", "psig", "psi(g)"), "psi"),
+    **dict.fromkeys(("kpa", "KPa", "KPA", "kPA"), "kPa"),
+}
+
+
+def usual(unit: str) -> str:
+    """A unit as it is usually written."""
+    return _USUAL.get(unit, unit)
 
 
 def factor(unit: str, known: dict[str, float], where: str) -> float:

@@ -24,8 +24,9 @@ from scipy.optimize import least_squares
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.check import check
-from bulgefit.dic.mixtures import NOISE, independent_frames, values_of
+from bulgefit.dic.mixtures import independent_frames, values_of
 from bulgefit.dic.noise import rough_part
+from bulgefit.dic.reference_image import RESOLVED
 from bulgefit.dic.units import PRESSURE
 from bulgefit.errors import InputError
 
@@ -180,7 +181,7 @@ def _adding(values: Floats) -> Iterator[int]:
         left = frame
         for _ in range(2):  # once more for what rounding left
             left = left - basis @ (basis.T @ left)
-        if np.sqrt(np.mean(left**2)) > NOISE:
+        if np.sqrt(np.mean(left**2)) > RESOLVED:
             yield number
         else:
             first = number - 1
@@ -217,7 +218,7 @@ def _corners(chain: _Chain, pressure: Floats, moved: Floats) -> list[_Corner]:
         sharp = np.linalg.svd(found.jac * (high - low)[free], compute_uv=False)[-1]
         if sharp * _KNOWN < np.sqrt(2.0 * found.cost):
             return []
-    if np.abs(left(knots[free])).max(initial=0.0) > NOISE or (np.diff(knots) <= 0.0).any():
+    if np.abs(left(knots[free])).max(initial=0.0) > RESOLVED or (np.diff(knots) <= 0.0).any():
         return []
     return [_Corner(chain, knots, k) for k in range(len(knots))]
 

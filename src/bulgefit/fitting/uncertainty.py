@@ -243,7 +243,8 @@ def _with_priors(freedom: Floats, by_data: Floats, covariance: Floats) -> Floats
 
     The priors' are known, and have infinitely many.
     """
-    share = by_data**2 / np.maximum(np.diag(covariance), 1e-300)
+    with np.errstate(over="ignore"):  # of what the data do not tell at all
+        share = by_data**2 / np.maximum(np.diag(covariance), 1e-300)
     return np.asarray(freedom / np.maximum(share, 1e-6) ** 2)
 
 

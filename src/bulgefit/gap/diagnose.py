@@ -241,6 +241,8 @@ def _believed(priors: Mapping[str, Prior]) -> dict[str, tuple[float, float]]:
                 f"prior: {name} is none of {', '.join(known)}; in a diagnosis effects have priors "
                 "of physical size about their null (docs/diagnosis.md)"
             )
+        if not isinstance(prior, Prior):
+            raise InputError(f"prior of {name}: give a Prior(mean, deviation), not {prior!r}")
         if not (0.0 < prior.mean < np.inf and 0.0 < prior.deviation < np.inf):
             raise InputError(f"prior of {name}: give a value and a deviation above 0 MPa")
     return {name: (prior.mean, prior.deviation) for name, prior in priors.items()}

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from numbers import Integral
 
+from bulgefit.errors import InputError
 from bulgefit.parallel.cluster import opened
 from bulgefit.parallel.parcels import drop_files
 from bulgefit.parallel.processes import Processes
@@ -33,8 +35,11 @@ def open_executor(
     Raises
     ------
     InputError
-        No scheduler answers there, it has no workers, or they are not as this process is.
+        No scheduler answers there, it has no workers, or they are not as this process is; no
+        number of workers.
     """
+    if not isinstance(workers, Integral) or workers < 1:
+        raise InputError(f"workers: give a whole number of 1 or more, not {workers!r}")
     if scheduler is not None:
         place = opened(scheduler)
     else:

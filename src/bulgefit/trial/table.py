@@ -30,7 +30,7 @@ def report(scores: Mapping[str, Any]) -> str:
     """The figures as a table of text."""
     lines = [f"{scores['tests']} made tests, {scores['failed']} diagnoses failed"]
     for told, words, _ in shares_in_words(scores):
-        lines.append(f"  {words:<50}{share_text(told)}")
+        lines.append(f"  {words:<51}{share_text(told)}")
     for key, words in (
         ("parameters", "parameters"),
         ("moduli", "moduli, of what is right,"),
@@ -39,17 +39,17 @@ def report(scores: Mapping[str, Any]) -> str:
         part = scores[key]
         if part["within_3_stderr"]["of"]:
             lines.append(
-                f"  {words + ' within 3 standard errors':<50}{share_text(part['within_3_stderr'])}"
+                f"  {words + ' within 3 standard errors':<51}{share_text(part['within_3_stderr'])}"
                 f"; median error {100 * part['median_relative']:.1f} %"
             )
     held = scores["heldout"]
     if held["median_ratio"] is not None:
         lines.append(
-            f"  {'held-out gap, medians':<50}{held['before_mm']:.4f} mm before, "
+            f"  {'held-out gap, medians':<51}{held['before_mm']:.4f} mm before, "
             f"{held['after_mm']:.4f} after, noise {held['floor_mm']:.4f} "
             f"(ratio {held['median_ratio']:.2f})"
         )
-        lines.append(f"  {'held-out gap <= 1.15 times the noise':<50}{share_text(held['closed'])}")
+        lines.append(f"  {'held-out gap <= 1.15 times the noise':<51}{share_text(held['closed'])}")
     parts = (_confusion_lines, _size_lines, _reliability_lines, _detectable_lines)
     return "\n\n".join("\n".join(part) for part in (lines, *(p(scores) for p in parts)) if part)
 

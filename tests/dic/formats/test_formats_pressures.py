@@ -180,6 +180,12 @@ def test_notes_beside_the_frames_are_no_log(truth, frames, holds):
         ("pressure_mbar", None, 1e4),
         ("pressure", "Pa", 1e6),
         ("pressure [V]", "4bar/V", 2.5),
+        ("pressure [N/mm²]", None, 1),
+        ("pressure (N/mm2)", None, 1),
+        ("pressure", "N/mm²", 1),
+        ("pressure [Bar]", None, 10),
+        ("pressure [Bar]", "bar", 10),
+        ("pressure [psig]", None, 25.4**2 / 4.4482216152605),
         ("pressure [bar]", "kPa", 1e3),  # the user knows better than the header
         ("pressure [bar]", "2.5bar", 4),
         ("pressure [bar]", "100kPa/bar", 10),

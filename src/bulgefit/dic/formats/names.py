@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from bulgefit.dic.units import LENGTH, PRESSURE, TIME
+from bulgefit.dic.units import LENGTH, PRESSURE, TIME, usual
 
 __all__ = ["Column", "column"]
 
@@ -28,7 +28,7 @@ class Column:
     quantity : str
         The name without its unit.
     unit : str or None
-        None where the name states none.
+        As it is usually written; None where the name states none.
     """
 
     name: str
@@ -54,9 +54,9 @@ def column(name: str, unit: str | None = None) -> Column:
     """
     name = name.strip().strip('"').strip()
     if found := _SQUARE.fullmatch(name):
-        return Column(name, found[1], found[2].strip())
+        return Column(name, found[1], usual(found[2].strip()))
     for pattern, known in ((_ROUND, _UNITS), (_SUFFIX, _SUFFIXES)):
         found = pattern.fullmatch(name)
-        if found and found[2].strip() in known:
-            return Column(name, found[1], found[2].strip())
-    return Column(name, name, unit)
+        if found and usual(found[2].strip()) in known:
+            return Column(name, found[1], usual(found[2].strip()))
+    return Column(name, name, None if unit is None else usual(unit))

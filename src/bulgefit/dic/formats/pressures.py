@@ -15,7 +15,7 @@ from bulgefit.dic.formats.frames import Frame, Signal
 from bulgefit.dic.formats.logs import LogError, is_log, read_log
 from bulgefit.dic.formats.names import column
 from bulgefit.dic.formats.source import Head
-from bulgefit.dic.units import LENGTH, PRESSURE, TIME
+from bulgefit.dic.units import LENGTH, PRESSURE, TIME, usual
 from bulgefit.errors import InputError
 
 __all__ = ["BY_NAMES", "Pressures", "is_of_pressure", "pressures_of"]
@@ -260,7 +260,7 @@ def _in_mpa(signal: Signal, unit: str | None, where: str) -> tuple[Floats, str]:
 
 
 def _parsed(unit: str) -> tuple[float, str, str | None]:
-    found = _WORTH.fullmatch(unit)
+    found = _WORTH.fullmatch(usual(unit))
     try:
         size = float(found[1] or 1) if found else np.nan
     except ValueError:

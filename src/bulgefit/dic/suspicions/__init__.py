@@ -17,6 +17,7 @@ from bulgefit.dic.suspicions.sequence import about_sequence
 from bulgefit.dic.suspicions.sizes import about_sizes
 from bulgefit.dic.suspicions.surface import about_rough_frames, about_surface
 from bulgefit.dic.suspicions.suspicion import Suspicion
+from bulgefit.dic.suspicions.tilt import about_tilt
 from bulgefit.dic.suspicions.zero import about_offsets, about_zero
 
 __all__ = ["Suspicion", "alarms", "suspicions"]
@@ -39,6 +40,7 @@ def alarms(test: BulgeTest) -> list[Suspicion]:
         *about_zero(test),
         *about_gauge(test),
         *about_inflated_images(test),
+        *about_tilt(test),
     ]
 
 

@@ -62,12 +62,19 @@ def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
     sure = np.abs(motion.slope) - _SURE * motion.slope_error
     if sure.max() > 0.5:
         row, column = np.unravel_index(int(sure.argmax()), (2, 2))
+        twice = row == column and motion.slope[row, column] < 0.0
         yield Suspicion(
             "positions_not_displacements",
             f"d{'xy'[row]} changes by {motion.slope[row, column]:.2f} mm per mm of "
-            f"{'xy'[column]} over the disc, where a clamp lets it change by 0: displacement holds "
-            "deformed positions",
-            "bulgefit convert IN OUT --from-positions takes the reference off",
+            f"{'xy'[column]} over the disc, where a clamp lets it change by 0: "
+            + (
+                "the positions were taken off a displacement"
+                if twice
+                else "displacement holds deformed positions"
+            ),
+            "convert the export without --from-positions"
+            if twice
+            else "bulgefit convert IN OUT --from-positions takes the reference off",
         )
 
 

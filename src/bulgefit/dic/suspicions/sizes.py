@@ -94,7 +94,8 @@ def _about_rise(test: BulgeTest) -> Iterator[Suspicion]:
             "rise_too_small",
             f"the apex rises by {rise:.2g} mm at {bar:.3g} bar, where the stiffest material "
             f"would rise by {least:.2g} mm: is the displacement in mm?",
-            "if it is in another unit: bulgefit convert IN OUT --unit displacement=UNIT/mm",
+            "if it is in another unit: bulgefit convert IN OUT --unit displacement=UNIT/mm; or the "
+            "radius is too large: --radius in mm",
         )
     else:
         yield from _about_stiffness(test)

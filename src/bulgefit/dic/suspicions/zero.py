@@ -47,6 +47,14 @@ def _about_first_frame(test: BulgeTest, pressure: Floats, rise: Floats) -> Itera
             "give each frame its own displacement and pressure",
         )
         return
+    if low < -_GAUGE * high and before > max(AT_REST, _NO_GROWTH * after):
+        yield Suspicion(
+            "dome_under_suction",
+            f"at {low * 10:.3g} bar, less than outside, the apex stands at {before:.3g} mm: that "
+            "pressure is wrong",
+            "mend the sign or the zero of the pressures, or leave the frame out",
+        )
+        return
     # p/w of a clamped membrane grows with w, whether it starts flat (w^2), pretensioned or domed,
     # so that a lighter frame stands above the chord from rest to the heaviest one
     least = abs(after) * (low - _GAUGE * high) / high
