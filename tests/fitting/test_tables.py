@@ -15,7 +15,7 @@ from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.batch import batch_of
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.fit import fit
-from bulgefit.fitting.quality import Quality
+from bulgefit.fitting.quality import Quality, Warned
 from bulgefit.model.setup import Setup
 from bulgefit.shown import plain
 
@@ -67,6 +67,11 @@ def test_columns_of_long_names_stand_apart(make: Maker, setup: Setup) -> None:
     head, *rows = batch_of(fits).report().splitlines()[:4]
     assert "  clamp_slip.compliance (mm per N/mm)" in head
     assert {len(row) for row in rows} == {len(head)}
+    warned = [Warned("swapped", f"{fits[0].tests[0].name}: dx is along y"), Warned("flat", "flat")]
+    odd = replace(fits[0], quality=replace(fits[0].quality, warnings=warned))
+    told = [line for line in batch_of([odd, fits[1]]).report().splitlines() if "WARNING" in line]
+    name = odd.tests[0].name
+    assert told[:2] == [f"WARNING: {name}: dx is along y", f"WARNING: {name}: flat"]
     fold = {
         "left_out": "one", "parameters": {"E1": 300.0, "clamp_slip.compliance": 0.02},
         "training": {"objective": "e_w", "value": 0.1},

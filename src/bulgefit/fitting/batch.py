@@ -184,8 +184,11 @@ class Batch(Drawn, Tabled):
         return "\n".join([*lines, *self._verdicts()])
 
     def _verdicts(self) -> list[str]:
-        """What could not be fitted, and what the scatter says of each parameter."""
+        """What could not be fitted, or looks wrong, and what the scatter says of each parameter."""
         out = [f"{name}: not fitted: {why}" for name, why in self.unfitted.items()]
+        for specimen, fit in zip(self.names, self.fits, strict=True):
+            said = (warned.text.removeprefix(f"{specimen}: ") for warned in fit.quality.warnings)
+            out += [f"WARNING: {specimen}: {text}" for text in said]
         for name, spread in self.spreads.items():
             if spread.count < len(self.fits):
                 left_out = len(self.fits) - spread.count
