@@ -27,8 +27,8 @@ __all__ = [
 
 
 _TEST = (
-    "bulge test: a file (.npz, .h5, the study's .npy), or a folder or 'pattern*' of one file a "
-    "frame (CSV, or an export of a DIC system; bulgefit formats lists them)"
+    "bulge test: a file (.npz, .h5, the study's .npy), or a folder of one file a frame (CSV, or an "
+    "export of a DIC system, of which a quoted 'pattern*' picks some; bulgefit formats lists them)"
 )
 
 # Options of the formats that are exports of DIC systems.
