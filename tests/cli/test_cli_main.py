@@ -88,7 +88,8 @@ def help_of(verb, capsys):
     ],
 )
 def test_help_says_that_exports_are_read(verb, capsys):
-    assert "export of a DIC system; bulgefit formats lists them)" in help_of(verb, capsys)
+    told = help_of(verb, capsys)
+    assert "export of a DIC system, of which a quoted 'pattern*' picks some; bulgefit form" in told
 
 
 @pytest.mark.parametrize("verb", ["evaluate", "fit", "batch", "crossval"])
