@@ -174,7 +174,7 @@ MUTANTS = (
     ),
     # fits
     Mutant(
-        "fitting/guess.py", "0.5 * pressure * radius", "pressure * radius", "fitting/test_guess.py"
+        "dic/suspicions/sizes.py", "radius / 2 / strain", "radius / strain", "fitting/test_guess.py"
     ),
     Mutant("fitting/l1.py", "return -(self.scale * pull)", "return (self.scale * pull)", OBJECTIVE),
     Mutant("fitting/l1.py", "0.5 * left**2 if", "left**2 if", OBJECTIVE),
@@ -492,7 +492,24 @@ MUTANTS = (
     ),
     Mutant("gap/evidence/weighing.py", "own /= np.sqrt(d.inflation)", "own /= 1.0", WEIGHING),
     Mutant("gap/normal.py", "parts[0] / d.inflation", "parts[0]", WEIGHING),
-    Mutant("gap/data.py", "(1.0 - self.persistent) * apart)", "apart)", WEIGHING),
+    Mutant("gap/data.py", "(1.0 - self.persistent) * apart,", "apart,", WEIGHING),
+    Mutant(
+        "gap/data.py",
+        "self.mixture * (noise.inflation - persists)",
+        "self.mixture * noise.inflation",
+        "gap/test_gap_noise.py",
+    ),
+    Mutant("gap/bands.py", "field - basis @ found", "field", "gap/test_gap_noise.py"),
+    Mutant("dic/noise.py", "ordered[half:] * ordered[:-half]", "ordered * ordered", NOISE),
+    Mutant(
+        "effects/places.py", "self._decades(np.ptp(self.schedule))", "self.decades.max()", SIGNS
+    ),
+    Mutant(
+        "gap/follow_up/holdout.py",
+        "(level if key in MODULI else 1.0)",
+        "1.0",
+        "gap/test_gap_diagnose.py",
+    ),
     Mutant("gap/evidence/outcome.py", ".hessian / weighing.excess", ".hessian", WEIGHING),
     Mutant("gap/prepare.py", "shapes.wrinkled > 0.0", "shapes.wrinkled > 0.5", WEIGHING),
     Mutant("gap/prepare.py", "measured & ~strays", "data.used & ~strays", "gap/test_gap_noise.py"),
