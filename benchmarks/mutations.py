@@ -508,7 +508,7 @@ MUTANTS = (
         "gap/follow_up/holdout.py",
         "(level if key in MODULI else 1.0)",
         "1.0",
-        "gap/test_gap_diagnose.py",
+        "gap/test_gap_diagnose.py::test_what_one_test_says_of_its_rig_is_known_of_another",
     ),
     Mutant("gap/evidence/outcome.py", ".hessian / weighing.excess", ".hessian", WEIGHING),
     Mutant("gap/prepare.py", "shapes.wrinkled > 0.0", "shapes.wrinkled > 0.5", WEIGHING),

@@ -174,7 +174,7 @@ def test_what_comes_back_in_every_frame_is_not_averaged_away(points: np.ndarray)
     """Half the variance is each frame's own, half is that of the points."""
     rng = np.random.default_rng(5)
     fresh, same = (rng.normal(size=(n, len(points), 3)) * SIGMA for n in (20, 1))
-    test = bulge_test(points, dome(points, 20))
+    test = bulge_test(points, dome(points, 20) + fresh + same)
     noise = estimate_noise(test, fresh + same)
     np.testing.assert_allclose(noise.sigma, np.sqrt(2.0) * SIGMA, rtol=0.1)
     assert noise.persistent == pytest.approx(0.5, abs=0.1)
