@@ -318,3 +318,11 @@ def test_what_was_interpolated_straight_is_judged_by_what_was_recorded(points: n
     assert prepared.data.specimen.recorded == pytest.approx(test.pressure, rel=1e-6)
     (warning,) = [w for w in left_out([prepared]) if "interpolated" in w]
     assert "its 18 frames were interpolated straight in pressure" in warning
+
+
+def test_mixtures_without_noise_have_none(points: np.ndarray) -> None:
+    """Nor is any of it there in every frame."""
+    seen = np.repeat(dome(points, 5), 2, axis=0)
+    found = estimate_noise(bulge_test(points, seen), 0.0 * seen)
+    assert (found.sigma < 1e-4).all()
+    assert found.persistent == 0.0

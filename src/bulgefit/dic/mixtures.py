@@ -33,7 +33,7 @@ def independent_frames(test: BulgeTest) -> int:
         return test.n_frames
     (block,) = test.blocks
     moved = np.asarray(block.displacement, dtype=np.float64)
-    still = np.array([shows_nothing(frame) for frame in moved])
+    still = np.array([shows_nothing(frame) for frame in moved], dtype=bool)
     moved = moved[~still]
     values = values_of(moved)
     if len(values) < 2 or values.shape[1] < 2 * len(values):

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.mixtures import independent_frames
-from bulgefit.dic.reference_image import shows_nothing
+from bulgefit.dic.reference_image import RESOLVED, shows_nothing
 
 __all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
@@ -77,6 +77,8 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     Noise or None
         None where too few points, or not all components, were measured to tell.
     """
+    if not test.blocks:
+        return None
     if len(test.blocks) > 1:
         # the reference itself is exact, and often the fullest
         noisy = [block for block in test.blocks if not shows_nothing(block.displacement)]
@@ -170,7 +172,7 @@ def _share_of_both_halves(pressure: Floats, rough: Floats) -> float:
     """
     ordered = rough[np.argsort(pressure, kind="stable")]
     half = len(ordered) // 2
-    ordered = ordered / np.sqrt(np.nanmean(ordered**2, axis=(0, 1)))
+    ordered = ordered / np.maximum(np.sqrt(np.nanmean(ordered**2, axis=(0, 1))), RESOLVED)
     return max(0.0, float(np.nanmean(ordered[half:] * ordered[:-half])))
 
 
@@ -216,7 +218,9 @@ def _robust(field: Floats) -> Floats:
     from scipy.stats import median_abs_deviation
 
     flat = field.reshape(-1, 3)
-    return np.maximum(median_abs_deviation(flat, axis=0, scale="normal", nan_policy="omit"), 1e-5)
+    return np.maximum(
+        median_abs_deviation(flat, axis=0, scale="normal", nan_policy="omit"), RESOLVED
+    )
 
 
 def rough_part(points: Floats, field: Floats) -> Floats:
