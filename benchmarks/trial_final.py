@@ -61,6 +61,10 @@ def commit() -> str:
 def answer(part: int, folder: Path, workers: int) -> None:
     """Run what is left of a part, and keep what was said."""
     program, place = commit(), folder / f"part{part}"
+    begun = place.with_suffix(".commit")
+    if begun.is_file() and begun.read_text(encoding="utf-8") != program:
+        raise SystemExit(f"{place}: begun by {begun.read_text('utf-8')}, goes on by that alone")
+    begun.write_text(program, encoding="utf-8")
     run(place, SEEDS[part - 1], workers, {"number": NUMBER, "recipe": Recipe(shrink=TO_NOISE)})
     asked, _, records = answered_in(place)
     for record in records:
