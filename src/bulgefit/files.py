@@ -244,7 +244,7 @@ def _written(path: Place) -> Iterator[None]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(
-            f"{path}: cannot be written ({reason}); nothing was changed, choose another place"
+            f"{path}: cannot be written ({reason}); it is as it was, choose another place"
         ) from error
 
 

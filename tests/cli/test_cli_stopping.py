@@ -105,6 +105,21 @@ def test_while_processes_refit(
     assert sorted(file.name for file in tmp_path.iterdir()) == ["fit.json", "fit.json.part"]
 
 
+def test_while_the_first_test_of_a_trial_is_made(start: Starter, tmp_path: Path) -> None:
+    """The folder is there before the journal has anything, and a new run would refuse it."""
+    folder = tmp_path / "trial"
+    program = start("-m", "bulgefit", "trial", "--number", "30", "--output", folder)
+    while not (folder / "trial.json").is_file():
+        assert program.poll() is None
+        time.sleep(0.05)
+    seconds, said = told(program, signal.SIGINT)
+    assert program.returncode == 130
+    assert said.endswith(
+        f"bulgefit trial: interrupted; {folder} keeps what is done, --resume goes on from it\n"
+    )
+    assert seconds < WITHIN
+
+
 #: A verb that writes half a file, and then computes for ever without a look at any signal.
 DEAF = """
 import sys, types

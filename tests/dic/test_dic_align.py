@@ -11,8 +11,9 @@ import pytest
 
 from bulgefit.cli import align, info
 from bulgefit.dic import BulgeTest, read_test, write_test
-from bulgefit.dic.align import outline
+from bulgefit.dic.align import centred, on_plane, outline
 from bulgefit.dic.binning import binned
+from bulgefit.dic.mend import shifted
 from bulgefit.dic.rim_motion import rim_motions, without_rim_motion
 from bulgefit.dic.suspicions import alarms
 from bulgefit.errors import InputError
@@ -104,6 +105,21 @@ def test_axes_by_angle_or_marks(arrays, example, aligned, how):
     np.testing.assert_allclose(
         test.blocks[0].displacement, example.blocks[0].displacement, atol=0.02
     )
+
+
+def test_an_origin_that_is_not_told_from_the_centre_stays(example):
+    """What the heights say of the centre, 0.02 ± 0.08 mm, is no better than where it lies."""
+    here = example.blocks[0].reference
+    for shift, left in ([0, 0], [0, 0]), ([0.05, 0], [0.05, 0]), ([1, -1], [0.021, -0.014]):
+        laid = centred(shifted(example, [*shift, 0]))
+        wanted = np.broadcast_to([*left, 0], here.shape)
+        np.testing.assert_allclose(laid.blocks[0].reference - here, wanted, atol=1e-3)
+
+
+def test_levelling_leaves_the_origin(example):
+    test = on_plane(shifted(example, [60, -30, 500]))
+    moved = test.blocks[0].reference - example.blocks[0].reference
+    np.testing.assert_allclose(moved, np.broadcast_to([60, -30, 0], moved.shape), atol=5e-3)
 
 
 def test_rigid_motions_are_found_and_taken_off(arrays, example, aligned):

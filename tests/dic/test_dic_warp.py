@@ -111,3 +111,14 @@ def test_the_stiffer_yarns_are_looked_for_along_the_warp(angle, stiff, suspect):
     assert ("fill_stiffer_than_warp" in found) == suspect
     if suspect and angle is not None:
         assert "--warp-angle" in found["fill_stiffer_than_warp"].remedy
+
+
+def test_they_are_not_where_poissons_ratio_is_large(tmp_path):
+    """At nu12 of 0.8 the stiffer yarns, along the warp, move more in plane: E1/E2 is 1.3 here."""
+    path = str(tmp_path / "wide.npz")
+    words = "simulate --E1 303 --E2 229 --G12 30 --nu12 0.8 --pressure 1,2,3 --refine 2 --output"
+    assert main([*words.split(), path]) == 0
+    told = {w.code for w in describe(read_test(path)).warnings}
+    assert "fill_stiffer_than_warp" not in told
+    told = {w.code for w in describe(read_test(path, poisson_ratio=0.24)).warnings}
+    assert "fill_stiffer_than_warp" in told

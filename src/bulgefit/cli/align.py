@@ -70,7 +70,8 @@ def _add_steps(parser: argparse.ArgumentParser) -> None:
         dest="centre",
         action="store_false",
         help="leave the origin as it is (default: the centre of the circle on which the heights "
-        "fall to zero, or of the outline where they do not tell)",
+        "fall to zero, where it is farther off than its error, or of the outline where they do "
+        "not tell)",
     )
     axes = group.add_mutually_exclusive_group()
     axes.add_argument(
@@ -164,7 +165,7 @@ def _steps(args: argparse.Namespace) -> list[Step]:
     if args.plane:
         steps.append(("plane through the outer points to z = 0", align.on_plane))
     if args.centre:
-        steps.append(("clamp's centre to the origin", align.centred))
+        steps.append(("clamp's centre to the origin, if told from it", align.centred))
     if args.angle is not None:
         (angle,) = _numbers("--angle", str(args.angle), 1)
         steps.append((f"turned by {-angle:g} degrees", lambda test: align.along_warp(test, angle)))

@@ -25,8 +25,8 @@ _SHOW_CURSOR = "\x1b[?25h"
 
 _saying = threading.Lock()
 
-#: Where the journal of the run stands, if it keeps one.
-_journal: list[Path] = []
+#: What the run keeps, the first that is there first: its journal, its folder.
+_kept: list[Path] = []
 
 
 class Told(KeyboardInterrupt):
@@ -44,9 +44,9 @@ class Told(KeyboardInterrupt):
         self.word = _WORDS[signal.Signals(number)]
 
 
-def keeps(journal: Path | None) -> None:
-    """Note where the run that begins keeps what it has done; None: nowhere."""
-    _journal[:] = [] if journal is None else [journal]
+def keeps(place: Path | None) -> None:
+    """Note a file, or a folder, where the run keeps what it has done; None: a run begins."""
+    _kept[:] = [] if place is None else [*_kept, place]
 
 
 def last_words(told: Told) -> str:
@@ -55,9 +55,9 @@ def last_words(told: Told) -> str:
 
 
 def what_is_left() -> str:
-    """A clause that names the journal of a run that did not end well; empty where it keeps none."""
-    kept = [journal for journal in _journal if journal.is_file()]
-    return "".join(f"; {j} keeps what is done, --resume goes on from it" for j in kept)
+    """A clause that names what a run that did not end well has kept; empty where that is nothing."""
+    left = [place for place in _kept if place.is_file() or any(place.glob("*"))]
+    return "".join(f"; {p} keeps what is done, --resume goes on from it" for p in left[:1])
 
 
 def listen(name: str) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common, _resuming
 from bulgefit.cli.report import add_report_argument, check_page, page_of
+from bulgefit.cli.stopping import keeps
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -108,6 +109,8 @@ def run(args: argparse.Namespace) -> int:
     if args.scheduler is not None:
         elsewhere = _common.executor_from(args)
     with _resuming.resumable(args, "trial") as resumed, elsewhere as executor:
+        # a test that is made is there before the journal has anything
+        keeps(folder)
         result = run_trial(
             args.number,
             args.seed,

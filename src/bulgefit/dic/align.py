@@ -160,33 +160,42 @@ def _measured(test: BulgeTest) -> Floats:
 def on_plane(test: BulgeTest) -> BulgeTest:
     """Turn and shift a test so that the plane through its outer points is z = 0.
 
-    The outer points are those beyond nine tenths of the outline's radius. The origin comes to the
-    outline's centre.
+    The outer points are those beyond nine tenths of the outline's radius. It turns about the
+    outline's centre, which keeps its x and y.
 
     Raises
     ------
     InputError
         Too few points lie there, or on one side only.
     """
+    away = np.zeros(2)
     for _ in range(_ROUNDS):
         centre, radius = outline(test)
         test = mend.shifted(test, np.append(-centre, 0.0))
+        away += centre
         # the outline may be smaller than the clamp: its own radius says what lies outside
         inner = mend.levelled(replace(test, radius=radius), "leave the plane with --no-plane")
         test = replace(inner, radius=test.radius)
-    return test
+    return mend.shifted(test, np.append(away, 0.0))
 
 
 def centred(test: BulgeTest) -> BulgeTest:
-    """Shift a test in plane to the clamp's centre: the outline's, then that of the heights."""
+    """Shift a test in plane to the clamp's centre: the outline's, then that of the heights.
+
+    An origin that the heights do not tell from the clamp's centre stays: what they say is no better
+    than where it lies.
+    """
     centre, _ = outline(test)
-    if np.hypot(*centre) > _NEAR * test.radius:
+    far = np.hypot(*centre) > _NEAR * test.radius
+    if far:
         test = mend.shifted(test, np.append(-centre, 0.0))
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         rim = rim_of(test)
         if rim is None:
             centre, _ = outline(test)
             return mend.shifted(test, np.append(-centre, 0.0))
+        if turn == 0 and not far and (np.abs(rim.centre) <= rim.centre_error).all():
+            return test
         test = mend.shifted(test, np.append(-rim.centre, 0.0))
         if np.hypot(*rim.centre) < _SETTLED:
             break

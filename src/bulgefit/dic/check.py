@@ -107,8 +107,9 @@ def _check_specimen(test: BulgeTest) -> None:
         raise InputError(f"{where}: ellipticity {test.ellipticity:g} must lie between -1 and 1")
     if not np.isfinite(test.warp_angle or 0.0):
         raise InputError(f"{where}: warp_angle {test.warp_angle:g} must be a number of degrees")
-    if not 0 <= nu < 0.5:
-        raise InputError(f"{where}: poisson_ratio {nu:g} must be at least 0 and below 0.5")
+    # of a sheet its square is below E1/E2: what is beyond is a number of per cent, or none
+    if not abs(nu) < 2:
+        raise InputError(f"{where}: poisson_ratio {nu:g} must lie between -2 and 2")
 
 
 def _check_pressure(test: BulgeTest) -> None:

@@ -14,6 +14,8 @@ __all__ = ["about_axes"]
 
 # An estimate departs from another where they lie this many standard errors apart.
 _SURE = 5.0
+# Poisson's ratios below which the stiffer fibres move less in plane.
+_NARROW = 0.5
 
 # How the displacement's axes may lie to those of the positions, as (dx, dy) = Q (x, y): code, what
 # it is, and what convert is told.
@@ -53,7 +55,7 @@ def about_axes(test: BulgeTest) -> Iterator[Suspicion]:
     motion = in_plane(test)
     if motion is not None:
         yield from _about_positions(motion)
-        yield from _about_directions(motion, test.warp_angle)
+        yield from _about_directions(motion, test)
 
 
 def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
@@ -78,7 +80,7 @@ def _about_positions(motion: InPlane) -> Iterator[Suspicion]:
         )
 
 
-def _about_directions(motion: InPlane, warp_angle: float | None) -> Iterator[Suspicion]:
+def _about_directions(motion: InPlane, test: BulgeTest) -> Iterator[Suspicion]:
     scores = {way: float((np.array(way) * motion.swelling).sum()) for way in _WAYS}
     way = max(scores, key=lambda key: scores[key])
     # 2 is expected of the right way, and 0 of none: below 1 none is the nearer one, and above 4 the
@@ -94,8 +96,8 @@ def _about_directions(motion: InPlane, warp_angle: float | None) -> Iterator[Sus
             "for",
             f"bulgefit convert IN OUT {how}, or the same of the positions if these are wrong",
         )
-    elif scores[way] < float(np.trace(motion.swelling)):
-        yield from _about_order(motion, warp_angle)
+    elif scores[way] < float(np.trace(motion.swelling)) and abs(test.poisson_ratio) < _NARROW:
+        yield from _about_order(motion, test.warp_angle)
 
 
 def _shown(way: tuple[tuple[int, int], ...]) -> str:
