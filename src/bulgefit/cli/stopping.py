@@ -55,7 +55,7 @@ def last_words(told: Told) -> str:
 
 
 def what_is_left() -> str:
-    """A clause that names what a run that did not end well has kept; empty where that is nothing."""
+    """A clause that names what a run that did not end well has kept; empty if that is nothing."""
     left = [place for place in _kept if place.is_file() or any(place.glob("*"))]
     return "".join(f"; {p} keeps what is done, --resume goes on from it" for p in left[:1])
 
