@@ -580,6 +580,14 @@ def test_evaluate(folder, capsys):
     assert all(len(source["sha256"]) == 64 for source in result["sources"])
 
 
+def test_a_pattern_that_the_shell_leaves_alone(folder, capsys):
+    """As Windows' does; what a pattern names that is no .npz are frames of one test."""
+    result = json_alone(capsys, "evaluate", "*o*d.npz", "oth*.npz", *MATERIAL)
+    assert [test["name"] for test in result["tests"]] == ["good", "other"]
+    assert run("evaluate", "good*", "none*.npz", *MATERIAL) == 2
+    assert "none*.npz: no such file or folder" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["evaluate"], ["measure", "--window", "60"]])
 def test_moduli_in_pa_are_warned_of(words, folder, capsys):
     moduli = ["--E1", "330e6", "--E2", "240e6", "--G12", "30e6"]

@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import pickle
+import re
 import zipfile
 from pathlib import Path
 
@@ -80,6 +81,21 @@ def test_format_is_named_where_the_suffix_says_nothing(made_test, tmp_path, same
         read_test(tmp_path / "out.dat", format="xls")
     with pytest.raises(InputError, match=r"npz has no option --columns; leave it out$"):
         read_test(tmp_path / "out.dat", format="npz", columns={"x": "X"})
+
+
+def test_what_is_of_no_format_but_belongs_to_something_that_is(made_test, tmp_path):
+    for name in ("one.npz", "two.npz"):
+        write_test(made_test, tmp_path / name)
+    said = r"2 files, each a test of its own, .* name them one by one, as one.npz two.npz$"
+    with pytest.raises(InputError, match=said):
+        read_test(tmp_path / "*.npz")
+    (tmp_path / "pressure.csv").write_text("file,pressure_bar\nf1.csv,1\n")
+    (tmp_path / "f1.csv").write_text("x,y,z,dx,dy,dz\n1,2,0,0,0,1\n")
+    for place in ("f1.csv", "f*.csv"):
+        with pytest.raises(
+            InputError, match=f"its folder is; name that, {re.escape(str(tmp_path))}$"
+        ):
+            read_test(tmp_path / place)
 
 
 def test_a_reader_of_ones_own(made, tmp_path):

@@ -369,6 +369,12 @@ def test_arrays_that_are_no_mesh(nodes: Any, cells: Any, message: str) -> None:
         Mesh.from_arrays(nodes, cells)
 
 
+@pytest.mark.parametrize("radius", [-1.0, 0.0, np.nan, np.inf])
+def test_a_disc_of_no_radius(radius: float) -> None:
+    with pytest.raises(InputError, match="radius must be a length above 0 mm"):
+        disc(radius)
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_patch(law: str) -> None:
     """A homogeneous stretch of a distorted mesh: inner nodes in balance, rim forces exact."""

@@ -41,8 +41,29 @@ def add_tests_argument(parser: argparse.ArgumentParser) -> None:
         "tests",
         nargs="+",
         metavar="TEST",
+        action=_Tests,
         help=_TEST,
     )
+
+
+class _Tests(argparse.Action):
+    """Keep tests; of a pattern that the shell has left alone, as Windows' does, each that it names.
+
+    A .npz is a test of its own. Other files that a pattern names are the frames of one.
+    """
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any
+    ) -> None:
+        import glob
+        import os
+
+        named = []
+        for word in values:
+            found = [] if os.path.lexists(word) else sorted(glob.glob(word))
+            whole = found and all(name.endswith(".npz") for name in found)
+            named += found if whole else [word]
+        setattr(namespace, self.dest, named)
 
 
 def add_test_argument(parser: argparse.ArgumentParser, dest: str = "test") -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from bulgefit.dic.formats.source import Source
+from bulgefit.dic.formats.source import PRESSURE_TABLE, Source, source_of
 from bulgefit.errors import InputError
 
 __all__ = [
@@ -218,11 +218,27 @@ def _matching(source: Source, options: dict[str, Any]) -> Reader:
         names = ", ".join(entry.name for entry in seen)
         raise InputError(f"{source.path}: may be of the formats {names}; name one with --format")
     if not fitting:
-        kind = "folder" if source.path.is_dir() else "file"
-        raise InputError(
-            f"{source.path}: not a {kind} of a known format; name one with --format, of {_known()}"
-        )
+        raise InputError(f"{source.path}: {_otherwise(source)}")
     return [*seen, *fitting][0]
+
+
+def _otherwise(source: Source) -> str:
+    """Why a source is of no format, and what of it or about it may be."""
+
+    def known(place: Path) -> bool:
+        return any(entry.matches(source_of(place)) for entry in READERS.values())
+
+    if source.picked and all(map(known, source.files)):
+        some = " ".join(file.name for file in source.files[:3])
+        return (
+            f"{len(source.files)} files, each a test of its own, are no test together; name them "
+            f"one by one, as {some}"
+        )
+    folder = source.path if source.picked else source.path.parent
+    if source.heads and (folder / PRESSURE_TABLE).is_file():
+        return f"is of no format by itself, but its folder is; name that, {folder}"
+    kind = "folder" if source.path.is_dir() else "file"
+    return f"not a {kind} of a known format; name one with --format, of {_known()}"
 
 
 def _known() -> str:

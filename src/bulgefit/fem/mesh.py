@@ -140,8 +140,15 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
     radius : float, mm
     refine : int
         Cells grow as 57 refine² (refine 4: 912 cells, 961 nodes).
+
+    Raises
+    ------
+    InputError
+        Radius or `refine` cannot be.
     """
     check_refine(refine)
+    if not 0.0 < radius < np.inf:
+        raise InputError(f"mesh: radius must be a length above 0 mm, got {radius:g}")
     side, ring = 3 * refine, 4 * refine
     core = 0.42  # half diagonal of the middle square over the radius
     t = np.linspace(-1.0, 1.0, side + 1)

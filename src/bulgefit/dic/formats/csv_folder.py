@@ -7,6 +7,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from bulgefit.dic.formats.source import PRESSURE_TABLE
 from bulgefit.dic.formats.specimen import SPECIMEN, specimen_of
 from bulgefit.dic.formats.table import Table, read_table
 from bulgefit.dic.registry import Recording, file_checksum, reader
@@ -16,17 +17,16 @@ from bulgefit.errors import InputError
 __all__ = ["COLUMNS", "read_csv_folder"]
 
 COLUMNS = ("x", "y", "z", "dx", "dy", "dz")
-_PRESSURE_TABLE = "pressure.csv"
 
 
 @reader(
     "csv",
     Path.is_dir,
-    looks_like=f"a folder with {_PRESSURE_TABLE}",
+    looks_like=f"a folder with {PRESSURE_TABLE}",
     options=["columns"],
     example="x,y,z,dx,dy,dz",
     lost="empty cell, nan, row left out",
-    instead=f"the column of the pressures in {_PRESSURE_TABLE} is called pressure_bar, or by "
+    instead=f"the column of the pressures in {PRESSURE_TABLE} is called pressure_bar, or by "
     "another unit: rename it so",
 )
 def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Recording:
@@ -46,12 +46,12 @@ def read_csv_folder(path: Path, columns: Mapping[str, str] | None = None) -> Rec
     """
     if not path.is_dir():
         raise InputError(f"{path}: not a folder; the format csv is a folder of one file a frame")
-    table = path / _PRESSURE_TABLE
+    table = path / PRESSURE_TABLE
     if not table.is_file():
         found = ", ".join(sorted(entry.name for entry in path.iterdir())[:5]) or "nothing"
         raise InputError(
             f"{path}: none of its files is of a format that `bulgefit formats` shows, and it has "
-            f"no {_PRESSURE_TABLE}; found {found}"
+            f"no {PRESSURE_TABLE}; found {found}"
         )
     specimen = specimen_of(path / SPECIMEN)
     names = _column_names({**specimen.get("columns", {}), **(columns or {})}, path)
@@ -121,10 +121,10 @@ def _frame_file(path: Path, name: str, table: Table) -> Path:
 def _need_listed(folder: Path, files: list[Path]) -> None:
     listed = {file.name for file in files}
     if len(listed) < len(files):
-        raise InputError(f"{folder / _PRESSURE_TABLE}: names a file twice; one row a frame")
+        raise InputError(f"{folder / PRESSURE_TABLE}: names a file twice; one row a frame")
     for file in sorted(folder.glob("*.csv")):
-        if file.name not in listed | {_PRESSURE_TABLE}:
+        if file.name not in listed | {PRESSURE_TABLE}:
             raise InputError(
-                f"{folder}: {file.name} has no pressure; list it in {_PRESSURE_TABLE} or move it "
+                f"{folder}: {file.name} has no pressure; list it in {PRESSURE_TABLE} or move it "
                 "out of the folder"
             )

@@ -15,10 +15,21 @@ from bulgefit.dic.formats.table import Header, headers_of
 from bulgefit.errors import InputError, needed
 from bulgefit.files import as_path
 
-__all__ = ["Head", "Place", "Source", "frame_name", "head_of", "natural", "source_of"]
+__all__ = [
+    "PRESSURE_TABLE",
+    "Head",
+    "Place",
+    "Source",
+    "frame_name",
+    "head_of",
+    "natural",
+    "source_of",
+]
 
 Place = str | os.PathLike[str]
 
+#: The file by which a folder of CSV frames is told.
+PRESSURE_TABLE = "pressure.csv"
 # Bytes from which a format is seen; the longest preambles that DIC systems write are half of it.
 _HEAD = 1 << 14
 # Endings of files that may be a log.
