@@ -61,6 +61,28 @@ def test_apex_on_the_studys_mesh(law, apex):
     assert {"bulgefit", "numpy"} <= set(result["versions"])
 
 
+def test_effects_that_act_are_told(capsys):
+    words = [*MATERIAL, "--refine", "1", "--pressure", "1", "--hold"]
+    held = "clamp_slip.compliance=0.01,initial_shape.h0=2,initial_shape.hx=-0.5"
+    assert run(*words, held) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:3] == [
+        "with clamp_slip: compliance = 0.01 mm per N/mm",
+        "with initial_shape: h0 = 2 mm, hx = -0.5 mm",
+    ]
+    bumps = ",".join(f"stiffness_field.b{i}=0.1" for i in range(9))
+    assert run(*words, bumps) == 0
+    assert "with stiffness_field: 9 values" in capsys.readouterr().out
+    assert run(*words, held, "--json", "-") == 0
+    effects = json.loads(capsys.readouterr().out)["effects"]
+    assert list(effects) == held_names(held)
+    assert effects["initial_shape.h0"] == {"value": 2.0, "unit": "mm"}
+
+
+def held_names(held):
+    return [item.partition("=")[0] for item in held.split(",")]
+
+
 def test_order_of_pressures_and_table(capsys):
     words = ["--E", "250", "--nu", "0.24", "--refine", "1", "--thickness", "0.81"]
     assert run(*words, "--pressure", "3,0.5,3", "--json", "-") == 0

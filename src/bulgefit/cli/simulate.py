@@ -32,6 +32,8 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "inflate a membrane of known material"
 
 _USUAL_RADIUS, _USUAL_THICKNESS = 100.0, 0.81
+#: Values of one effect that are shown one by one.
+_SHOWN = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,8 +151,8 @@ def run(args: argparse.Namespace) -> int:
     )
     _common.deliver(
         args,
-        _payload(args, result, pressures),
-        _table(args, result, pressures),
+        {**_payload(args, result, pressures), "effects": _values(held)},
+        _table(args, result, pressures, held),
         partial(_write_shapes, args, result),
         partial(_draw, args, result, pressures[-1]),
     )
@@ -378,13 +380,38 @@ def _described(result: Simulation) -> str:
     return f"{result.membrane.law}, {', '.join(parts)}"
 
 
-def _table(args: argparse.Namespace, result: Simulation, pressures: list[float]) -> str:
+def _values(held: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """Values of effects' parameters with their units."""
+    from bulgefit.effects.registry import parameter_named
+
+    return {
+        name: {"value": value, "unit": parameter_named(name).unit} for name, value in held.items()
+    }
+
+
+def _with(held: Mapping[str, float]) -> list[str]:
+    """A line for each effect that acts; of one with many values, such as a field, their number."""
+    of: dict[str, list[str]] = {}
+    for name, item in _values(held).items():
+        effect, _, parameter = name.partition(".")
+        text = f"{parameter} = {item['value']:g}{after_value(item['unit'])}"
+        of.setdefault(effect, []).append(text)
+    return [
+        f"with {effect}: {', '.join(values) if len(values) <= _SHOWN else f'{len(values)} values'}"
+        for effect, values in of.items()
+    ]
+
+
+def _table(
+    args: argparse.Namespace, result: Simulation, pressures: list[float], held: Mapping[str, float]
+) -> str:
     mesh, points = result.mesh, 4 * len(result.mesh.cells)
     clamp = f"radius {result.membrane.radius:g} mm"
     if args.semi_axes is not None:
         clamp = "semi-axes {:g}, {:g} mm".format(*args.semi_axes)
     lines = [
         _described(result),
+        *_with(held),
         f"{len(mesh.nodes)} nodes, {len(mesh.cells)} cells, {clamp}, "
         f"thickness {result.membrane.thickness:g} mm",
         f"{'pressure':>10}  {'apex':>10}  {'wrinkled':>8}",
