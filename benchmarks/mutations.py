@@ -67,6 +67,9 @@ WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
 NEWS = "fitting/test_bad_news.py"
+FEW = "fitting/test_fitting_few_values.py"
+TOLD = "cli/test_cli_told.py"
+ALIGN = "dic/test_dic_align.py"
 HELD_OUT = "gap/test_gap_diagnose.py::test_what_only_the_kept_out_specimen_has_is_found"
 
 MUTANTS = (
@@ -664,6 +667,15 @@ MUTANTS = (
         "",
         "trial/test_trial_scoring.py",
     ),
+    Mutant("fitting/sides.py", "_TURNS = (0.25, 0.5, 0.75)", "_TURNS = (0.05, 0.95)", FEW),
+    Mutant("fitting/objective.py", "tuple(new or old for", "tuple(old for", FEW),
+    Mutant("fitting/scores.py", "[self._size :]", "", FEW),
+    Mutant("fitting/uncertainty.py", "max(min(ends), _least(problem.keys[j]))", "min(ends)", FEW),
+    Mutant("fitting/bootstrap.py", 'kind="stable")[ranks]', 'kind="stable")', FEW),
+    Mutant("model/description.py", "value != parameter_named(", "value == parameter_named(", FEW),
+    Mutant("model/inflation.py", "loads <= _CANCELLED *", "loads <= 0.0 *", FEW),
+    Mutant("dic/formats/csv_folder.py", "values[:, i] *= factor", "values[:, i] /= factor", TOLD),
+    Mutant("dic/align.py", "rim.centre) <= rim.centre_error", "rim.centre) < 0.0", ALIGN),
 )
 
 

@@ -158,6 +158,8 @@ def memory_for(file: BinaryIO) -> int:
 
 
 def _target(path: Place, force: bool) -> Path:
+    if not os.fspath(path):
+        raise InputError("the name of a file to write is empty; give one")
     target = Path(os.path.realpath(path))
     if os.path.isdir(target):  # unlike Path's own, not stopped by a name that is too long
         raise InputError(f"{path}: is a folder; name a file to write")

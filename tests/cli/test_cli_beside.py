@@ -147,8 +147,11 @@ def test_an_isotropic_fit(file, tmp_path, capsys):
     ("told", "message"),
     [
         ({"folds": []}, "no JSON of bulgefit diagnose or fit"),
-        ({"starts": [], "parameters": []}, "has no moduli"),
-        ({"starts": [], "parameters": {"E1": 3}, "material": "orthotropic"}, "has no moduli"),
+        ({"starts": [], "parameters": []}, "has no 'material'"),
+        (
+            {"starts": [], "parameters": {"E1": 3}, "material": "orthotropic"},
+            "parameters.E1 is 3; a number is needed, MPa",
+        ),
     ],
 )
 def test_what_is_no_fit(file, tmp_path, capsys, told, message):

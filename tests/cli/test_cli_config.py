@@ -126,14 +126,14 @@ def test_a_list_of_the_file_is_replaced_as_well(
     [
         ("objectiv = 'e'", "objectiv is no option of bulgefit fit; did you mean objective?"),
         ("max_pressure = 1", "max_pressure is no option of bulgefit fit; did you mean max-p"),
-        ("config = 'a'", "config is no option of bulgefit fit; did you mean"),
-        ("starts = 'many'", "starts: 'many' is no int"),
-        ("starts = 2.5", "starts: '2.5' is no int"),
+        ("config = 'a'", "config is no option of bulgefit fit; see bulgefit fit --help"),
+        ("starts = 'many'", "starts: 'many' is no whole number"),
+        ("starts = 2.5", "starts: '2.5' is no whole number"),
         ("starts = [1, 2]", "starts: give a string or a number, not [1, 2]"),
         ("starts = true", "starts: give a string or a number, not True"),
         ("tests = []", "tests: give a string or a number, or a list of them, not []"),
         ("force = 1", "force: give true or false, not 1"),
-        ("[fit]\nstarts = 3", "fit is no option of bulgefit fit; did you mean"),
+        ("[fit]\nstarts = 3", "fit is no option of bulgefit fit; the file has options alone"),
         ("starts 3", "is no TOML ("),
     ],
 )  # fmt: skip

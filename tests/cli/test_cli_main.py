@@ -177,7 +177,7 @@ def test_options_are_exact_and_values_may_be_negative(verb, capsys):
     assert cli.main(["simulate", "--E1", "many"]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
-    assert lines[1].startswith("bulgefit simulate: error: argument --E1: invalid float value")
+    assert lines[1].startswith("bulgefit simulate: error: argument --E1: 'many' is no number")
 
 
 @pytest.mark.parametrize(

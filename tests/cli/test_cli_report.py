@@ -137,7 +137,7 @@ def _numbered(result):
             "its run.reading does not say how",
         ),
         (lambda result: result["run"]["reading"].update(options=[1]), "its run.reading does not"),
-        (_without_cells, "not as bulgefit fit writes it (TypeError"),
+        (_without_cells, "not as bulgefit fit writes it (a value is of another kind"),
         (_numbered, "its sources are no names, files and checksums"),
     ],
 )

@@ -10,7 +10,7 @@ import pytest
 
 from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest, write_test
-from bulgefit.dic.copies import copied_frames, without_copies
+from bulgefit.dic.copies import copied_frames, repeated_frames, without_copies
 from bulgefit.dic.given import given_tests
 from bulgefit.dic.suspicions import suspicions
 
@@ -49,6 +49,17 @@ def test_a_frame_that_differs_by_a_bit_or_in_pressure_is_none(made: SimpleNamesp
     assert not copied_frames(
         BulgeTest.from_arrays(made.reference, again.blocks[0].displacement, pressure)
     )
+
+
+def test_one_at_another_pressure_is_no_mixture(made: SimpleNamespace) -> None:
+    made.displacement[4] = made.displacement[1]
+    again = of(made, [0, 1, 2, 3, 4, 5])
+    assert repeated_frames(again) == {4: 1}
+    (said,) = [one for one in suspicions(again) if one.code == "frames_repeated"]
+    bar = 10 * made.pressure
+    assert f"frame 4 (from 0, {bar[4]:.4g} bar) is 1 ({bar[1]:.4g} bar)" in said.text
+    assert "frames_interpolated" not in told(again)
+    assert "frames_repeated" not in told(of(made, [0, 1, 1, 2, 3]))
 
 
 def test_references_in_which_nothing_has_moved_are_none(made: SimpleNamespace) -> None:

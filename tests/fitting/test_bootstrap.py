@@ -99,10 +99,10 @@ def test_a_frame_drawn_twice_counts_twice(
 def test_frames_are_drawn_in_runs() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
-        times = _drawn(7, 3, rng)
+        times = _drawn(np.arange(7.0), 3, rng)
         assert times.sum() == 7
         assert len(times) == 7
-    many = sum(_drawn(7, 3, rng) for _ in range(4000)) / 4000
+    many = sum(_drawn(np.arange(7.0), 3, rng) for _ in range(4000)) / 4000
     np.testing.assert_allclose(many, 1.0, atol=0.05)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.fitting.beliefs import Belief
-from bulgefit.fitting.fit import fit
+from bulgefit.fitting.fit import fit, weighed
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.problem import Prior, Problem
 from bulgefit.fitting.result import FitResult
@@ -68,6 +68,7 @@ def test_data_and_a_prior_of_like_weight(name: str, make: Maker, setup: Setup) -
     if name == "likelihood":
         problem = Problem(Objective([test], name, setup), "isotropic", bounds={"E": (100.0, 500.0)})
         z = problem.coordinates({"E": best})
+        weighed(problem, z)
         rows = problem.evaluate(z, derivatives=True).rows
         assert rows is not None
         curvature = rows.normal(np.zeros(1), 0.0)[0][0, 0] / problem.value_slope(0, z) ** 2

@@ -64,6 +64,8 @@ _ISOTROPIC = {
     "nu": ("RATIO", "isotropic Poisson's ratio, 0 <= nu < 0.5, no unit"),
     "G": ("MPa", "isotropic shear modulus; gives nu = E/2G - 1"),
 }
+#: Endings of measured tests, which a result never replaces.
+_OF_TESTS = (".npz", ".npy", ".h5", ".hdf5", ".csv")
 _WAYS = "--E1 --E2 --G12 [--nu12], or --E [--nu], or --E --G"
 
 
@@ -284,6 +286,8 @@ def check_outputs(
         check_output(args.json, may_replace(args, args.json))
         outputs.append(args.json)
     check_apart(outputs, inputs)
+    if args.json is not None and os.path.splitext(args.json)[1].lower() in _OF_TESTS:
+        raise InputError(f"--json {args.json}: is named as a test is; name a file as x.json")
 
 
 def may_replace(args: argparse.Namespace, output: str | Path) -> bool:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bulgefit.cli._common import USUAL_LAW
+from bulgefit.cli._common import USUAL_LAW, progress
+from bulgefit.cli.json_in import json_of, value_of
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
-    from bulgefit.effects.parameter import Key
+    from collections.abc import Iterator
+
     from bulgefit.fitting.problem import Prior
 
 __all__ = [
@@ -51,10 +52,10 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
         dest="from_file",
         metavar="FILE.json",
         help="hold the effects' parameters at what bulgefit diagnose or fit found and wrote with "
-        "--json; moduli, Poisson's ratio and law are not taken from it"
+        "--json; moduli, Poisson's ratio and law are not taken from it, nor fields"
         if fits
         else "set the effects' parameters, and moduli and law that are not given, to what bulgefit "
-        "diagnose or fit found and wrote with --json",
+        "diagnose or fit found and wrote with --json; fields are not taken from it",
     )
 
 
@@ -134,8 +135,27 @@ def held_from(args: argparse.Namespace, tests: int = 1) -> dict[str, float]:
     """
     held: dict[str, float] = {}
     if args.from_file is not None:
-        held |= _found_effects(Path(args.from_file), tests)
+        path = Path(args.from_file)
+        held |= _found_effects(path, tests)
+        for line in _not_taken(_read(path)):
+            progress(args, f"warning: --from {path}: {line}")
     return held | held_by_hand(args)
+
+
+def _not_taken(content: dict[str, Any]) -> Iterator[str]:
+    """What a diagnosis says that its causes and moduli alone do not, or not for sure."""
+    if not _is_gap(content):
+        return
+    from bulgefit.gap.evidence.probability import SURE
+
+    unsure = [c["effect"] for c in content["causes"] if c.get("probability", 1.0) < SURE]
+    if unsure:
+        yield f"not sure are its causes {', '.join(dict.fromkeys(unsure))}; they are taken"
+    if fields := [field["field"] for field in content.get("fields", [])]:
+        yield (
+            f"fields are not taken ({', '.join(dict.fromkeys(fields))}), beside which the moduli "
+            "and causes were found: the model is another one"
+        )
 
 
 def held_by_hand(args: argparse.Namespace) -> dict[str, float]:
@@ -180,16 +200,8 @@ def uncertainty_from(args: argparse.Namespace) -> dict[str, float]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"--from {path}: cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        where = f" ({error})" if isinstance(error, json.JSONDecodeError) else ""
-        raise InputError(f"--from {path}: no JSON of bulgefit diagnose or fit{where}") from error
-    if not isinstance(content, dict) or not any(
-        isinstance(content.get(key), list) for key in ("causes", "starts")
-    ):
+    content = json_of(path, option="--from", of="bulgefit diagnose or fit")
+    if not any(isinstance(content.get(key), list) for key in ("causes", "starts")):
         raise InputError(
             f"--from {path}: no JSON of bulgefit diagnose or fit (it has no causes or starts)"
         )
@@ -200,34 +212,31 @@ def _is_gap(content: dict[str, Any]) -> bool:
     return "causes" in content
 
 
-def _told_effects(content: dict[str, Any]) -> dict[Key, float]:
-    from bulgefit.effects.parameter import Key
-
-    if _is_gap(content):
-        told = {
-            f"{cause['effect']}.{name}": found
-            for cause in content["causes"]
-            for name, found in cause["parameters"].items()
-        }
-        told |= {name: {"value": value} for name, value in content.get("held", {}).items()}
-    else:
-        told = {name: found for name, found in content["parameters"].items() if "." in name}
-    return {Key.read(name): float(found["value"]) for name, found in told.items()}
+def _told_effects(content: dict[str, Any]) -> dict[str, Any]:
+    """What stands of each parameter of an effect, by its name."""
+    if not _is_gap(content):
+        return {name: found for name, found in content["parameters"].items() if "." in name}
+    told = {
+        f"{cause['effect']}.{name}": found
+        for cause in content["causes"]
+        for name, found in cause["parameters"].items()
+    }
+    return told | {name: {"value": value} for name, value in content.get("held", {}).items()}
 
 
 def _found_effects(path: Path, tests: int) -> dict[str, float]:
     """Values of effects' parameters that the file tells."""
-    from bulgefit.effects.registry import catalogue
+    from bulgefit.effects.parameter import Key
+    from bulgefit.effects.registry import catalogue, parameter_named
 
     known = {name for effect in catalogue().values() for name in effect.names}
     held, content = {}, _read(path)
     try:
         told = _told_effects(content)
-    except InputError:
-        raise
     except (TypeError, KeyError, ValueError, AttributeError) as error:
-        raise InputError(f"--from {path}: its causes are damaged ({error!r})") from error
-    for key, value in told.items():
+        raise InputError(f"--from {path}: {_lacks(error, 'its causes are')}") from error
+    for name, found in told.items():
+        key = Key.read(name)
         if key.name not in known:
             raise InputError(
                 f"--from {path}: {key.name} is no parameter that a model can be given (an offset "
@@ -237,12 +246,19 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
             raise InputError(
                 f"--from {path}: it is about several tests; give them all, or --hold the values"
             )
-        held[str(key)] = value
+        held[name] = value_of(found, name, parameter_named(key.name).unit, f"--from {path}")
     return held
 
 
-def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
-    """As options name them: what a fit held is told, too."""
+def _lacks(error: Exception, what: str) -> str:
+    """What is wrong with a file that something was looked for in."""
+    if isinstance(error, KeyError):
+        return f"it has no {error.args[0]!r}; take the file as it was written"
+    return f"{what} not as they were written ({error})"
+
+
+def _told_moduli(content: dict[str, Any]) -> dict[str, Any]:
+    """What stands of each, as options name them: what a fit held is told, too."""
     if _is_gap(content):
         found, names = content["parameters"]["corrected"], ["E1", "E2", "G12"]
     else:
@@ -250,7 +266,7 @@ def _told_moduli(content: dict[str, Any]) -> dict[str, float]:
         names = [name for name in found if "." not in name]
         if content["material"] == "isotropic-EG":
             names = ["E", "G"]
-    return {name: float(found[name]["value"]) for name in names}
+    return {name: found[name] for name in names}
 
 
 def given_ratios(args: argparse.Namespace) -> list[str]:
@@ -262,14 +278,20 @@ def take_found_moduli(args: argparse.Namespace) -> None:
     """Set the moduli (MPa) that --from found and no option gives."""
     if args.from_file is None or args.E is not None:
         return
+    from bulgefit.model.parameters import MATERIALS
+
     path = Path(args.from_file)
     content = _read(path)
     try:
-        moduli = _told_moduli(content)
+        told = _told_moduli(content)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"--from {path}: it has no moduli ({error!r}); give them") from error
-    for name, value in moduli.items():
+        raise InputError(f"--from {path}: {_lacks(error, 'its moduli are')}") from error
+    units = {p.name: p.unit for kind in MATERIALS.values() for p in kind}
+    for name, found in told.items():
+        if name not in units:
+            raise InputError(f"--from {path}: {name} is no parameter of a material")
         if getattr(args, name) is None:
+            value = value_of(found, f"parameters.{name}", units[name], f"--from {path}")
             setattr(args, name, value)
 
 

@@ -125,8 +125,9 @@ def add_search_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="E1=LOW:HIGH,...",
         help="bounds, of moduli in MPa (default: from the apex of the tests, an eighth to eight "
-        "times the modulus that it implies, G12 down to a two hundredth; what is plausible of "
-        "effects); equal ones (E1=330:330) hold a modulus",
+        "times the modulus that it implies, G12 a two hundredth to one; E a fifth to five, G a "
+        "twelfth to two and a half; what is plausible of effects); equal ones "
+        "(E1=330:330) hold a modulus",
     )
     group.add_argument(
         "--starts", type=int, default=5, metavar="N", help="scrambled-Sobol starts (default: 5)"
@@ -249,12 +250,16 @@ def check_search(
     ------
     InputError
     """
+    from bulgefit.dic.suspicions.sizes import about_bounds
     from bulgefit.fitting.options import options_from
 
     _common.workers_from(args)
     chosen = options_from(None, {"objective": args.objective, **options})
     for tests in fits:
         chosen.problem(tests)
+    moduli = {name: ends for name, ends in chosen.bounds.items() if name.startswith("E")}
+    for one in about_bounds(fits[0][0].thickness, moduli):
+        _common.progress(args, f"warning: --bounds: {one.text}; {one.remedy}")
     return chosen
 
 

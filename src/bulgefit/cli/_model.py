@@ -41,8 +41,6 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
         if args.hold:
             raise InputError("--hold: sets an effect of a model; give a material too")
         return None
-    from bulgefit.effects.parameter import by_key
-    from bulgefit.fitting.problem import check_needs
     from bulgefit.model.parameters import check_replaced
     from bulgefit.model.predict import predict
     from bulgefit.model.setup import Setup
@@ -50,7 +48,6 @@ def predicted_from(args: argparse.Namespace, test: BulgeTest) -> Predicted | Non
     ratios = given_ratios(args)
     take_found_moduli(args)
     held = held_from(args)
-    check_needs(by_key(held), [test])
     check_replaced(held, ratios)
     material = _common.material_from(args, test.poisson_ratio)
     _common.warn_of_moduli(args, material, test.thickness)

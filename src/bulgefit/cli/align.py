@@ -11,6 +11,7 @@ from bulgefit.cli.tests_in import (
     add_test_argument,
     files_read,
     reader_options,
+    warn_of_alarms,
 )
 from bulgefit.errors import InputError
 
@@ -154,6 +155,7 @@ def run(args: argparse.Namespace) -> int:
         _table(*poses),
         lambda: write_test(test, args.output, force=args.force),
     )
+    warn_of_alarms(args, test)
     return 0
 
 

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import argparse
 import difflib
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bulgefit.errors import InputError
 
 __all__ = ["add_config_arguments", "check_config", "save_config", "with_config"]
+
+#: What values are, in words.
+_KINDS: Mapping[Any, str] = {int: "whole number", float: "number"}
 
 #: Options that are about the run's file, or end the program.
 _NOT_KEPT = ("config", "save-config", "help")
@@ -52,16 +56,22 @@ def with_config(parser: argparse.ArgumentParser, words: Sequence[str]) -> list[s
     """
     finder = argparse.ArgumentParser(prog=parser.prog, add_help=False, allow_abbrev=False)
     finder.error = parser.error  # type: ignore[method-assign]
-    finder.add_argument("--config")
-    file = finder.parse_known_args(words)[0].config
-    if file is None:
+    finder.add_argument("--config", action="append")
+    files = finder.parse_known_args(words)[0].config
+    if files is None:
         return list(words)
+    if len(files) > 1:
+        raise InputError(f"--config: {len(files)} files are named; put their options into one")
+    (file,) = files
     actions = _actions(parser)
     found: list[str] = []
-    for key, value in _read(file).items():
+    content, writer = _read(file)
+    for key, value in content.items():
         if key not in actions:
-            (near,) = difflib.get_close_matches(key, actions, n=1, cutoff=0.0)
-            raise InputError(f"{file}: {key} is no option of {parser.prog}; did you mean {near}?")
+            raise InputError(
+                f"{file}: {key} is no option of {parser.prog}; "
+                + _instead(key, value, actions, parser.prog, writer)
+            )
         action = actions[key]
         texts = _texts(action, value, f"{file}: {key}")
         if action.option_strings:
@@ -72,6 +82,16 @@ def with_config(parser: argparse.ArgumentParser, words: Sequence[str]) -> list[s
             if action.nargs == "?":
                 (action.default,) = texts
     return [*found, *words]
+
+
+def _instead(key: str, value: Any, known: Iterable[str], verb: str, writer: str | None) -> str:
+    """What to do about a key that is no option."""
+    if writer is not None and writer != verb:
+        return f"the file was written by {writer}, and each verb has its own options"
+    if isinstance(value, dict):
+        return "the file has options alone, and no sections"
+    near = difflib.get_close_matches(key, known, n=1)
+    return f"did you mean {near[0]}?" if near else f"see {verb} --help"
 
 
 def _adds_to(action: argparse.Action, words: Sequence[str]) -> bool:
@@ -130,12 +150,16 @@ def _is_flag(action: argparse.Action) -> bool:
     return bool(action.option_strings) and action.nargs == 0
 
 
-def _read(file: str) -> Mapping[str, Any]:
+def _read(file: str) -> tuple[Mapping[str, Any], str | None]:
+    """What a file says, and the verb by whose --save-config it was written, where it was."""
     import tomllib
+    from pathlib import Path
 
     try:
-        with open(file, "rb") as opened:
-            return tomllib.load(opened)
+        # an editor may have put a byte order mark before it
+        text = Path(file).read_text(encoding="utf-8-sig")
+        written = re.match(r"# (bulgefit \w+), version", text)
+        return tomllib.loads(text), None if written is None else written[1]
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -162,7 +186,7 @@ def _texts(action: argparse.Action, value: Any, where: str) -> list[str]:
             if callable(action.type):
                 action.type(text)
         except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
-            kind = getattr(action.type, "__name__", "value")
+            kind = _KINDS.get(action.type, "value of it")
             raise InputError(f"{where}: {text!r} is no {kind}") from error
     return texts
 

@@ -12,6 +12,7 @@ from bulgefit.cli.tests_in import (
     add_test_argument,
     files_read,
     reader_options,
+    warn_of_alarms,
 )
 from bulgefit.errors import InputError
 
@@ -154,6 +155,7 @@ def run(args: argparse.Namespace) -> int:
     if done := _done(args):
         test = test.with_history(f"bulgefit convert {args.input}: {done}")
     write_test(test, args.output, force=args.force)
+    warn_of_alarms(args, test)
     _common.progress(
         args,
         f"{args.output}: {test.n_frames} frames, {test.n_points} points, "

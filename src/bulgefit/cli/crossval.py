@@ -20,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.description = (
         "Leave-one-test-out cross-validation: fit all tests but one and judge the parameters on\n"
-        "the test that was left out. Options as of fit. Moduli in MPa, objectives in mm."
+        "the test that was left out, without what --with frees of each test's own. Options as of\n"
+        "fit. Moduli in MPa, objectives in mm."
     )
     parser.epilog = (
         "examples:\n"
@@ -49,14 +50,20 @@ def run(args: argparse.Namespace) -> int:
     options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
     chosen = _fitting.check_search(args, options, [tests])
 
+    from bulgefit.effects.registry import effect_named
     from bulgefit.fitting.crossval import check_owners, crossval
-    from bulgefit.fitting.result import describe_tests
 
     check_owners(chosen)
+    own = {name.partition(".")[0] for name in chosen.effects}
+    if own := {name for name in own if not effect_named(name).shared}:
+        _common.progress(
+            args,
+            f"warning: each test has its own {', '.join(sorted(own))}: the test left out is judged "
+            "without; hold at a value what all tests have alike",
+        )
     with _resuming.resumable(args, "crossval", tests):
         with _common.executor_from(args) as executor:
             _common.progress(args, f"{len(tests)} folds of {number_of(args.starts, 'start')}")
             result = crossval(tests, args.objective, executor=executor, **options)
-        result["sources"] = describe_tests(tests)
         _common.deliver(args, result, result.report(), *page_of(args, result, tests))
     return 0

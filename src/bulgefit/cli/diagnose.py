@@ -38,9 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "weighed by evidence. The verdict is none (good to the noise), named, ambiguous,\n"
         "partial (causes are sure, and something else is left) or unknown. Several tests are\n"
         "specimens of one cloth: they share its law, about which each has factors of its own\n"
-        "along warp and fill; all other effects are each test's own. Moduli in MPa, pressures in\n"
-        "bar, gaps in mm. Refits go side by side, by several --workers (processes) or those of a\n"
-        "--scheduler; what is found does not depend on them."
+        "along warp and fill, and the face that is seen; all other effects are each test's own.\n"
+        "Moduli in MPa, pressures in bar, gaps in mm. Refits go side by side, by several\n"
+        "--workers (processes) or those of a --scheduler; what is found does not depend on them."
     )
     parser.epilog = (
         "examples:\n"

@@ -16,7 +16,6 @@ from bulgefit.shown import after_value, number_of
 if TYPE_CHECKING:
     from bulgefit.dic import BulgeTest
     from bulgefit.fitting.result import FitResult
-    from bulgefit.model.parameters import Material
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -158,21 +157,23 @@ def _cross_table(
     from bulgefit.fitting.fit import fit
     from bulgefit.fitting.objective import OBJECTIVES
 
-    optima: dict[str, Material] = {}
+    optima: dict[str, FitResult] = {f"optimum of {args.objective}": result}
     empty: dict[str, dict[str, float | None]] = {}
     for name in OBJECTIVES:
         row = f"optimum of {name}"
-        if name == args.objective:
-            optima[row] = result.material
+        if row in optima:
             continue
         _common.progress(args, f"fitting {name} for the cross table")
         try:
-            optima[row] = fit(tests, name, **options).material
+            optima[row] = fit(tests, name, **options)
         except InputError as error:  # all else was good for the fit
             _common.progress(args, f"no {row}: {error}")
             empty[row] = dict.fromkeys(OBJECTIVES)
     compared = {key: options[key] for key in ("weight", "average", "setup")}
-    return {**empty, **cross_table(tests, optima, **compared)}
+    table = {**empty, **cross_table(tests, optima, **compared)}
+    # by objective, that of a likelihood and the model at rest last
+    rows = [f"optimum of {name}" for name in OBJECTIVES]
+    return {row: table[row] for row in [*rows, *table]}
 
 
 def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from bulgefit.cli._values import offer_values
@@ -110,7 +111,9 @@ def _dispatch(words: list[str]) -> int:
         top.error(f"which verb? choose from {', '.join(VERBS)}")
     verb = words[at]
     if verb not in VERBS:
-        top.error(f"unknown verb {verb!r}; choose from {', '.join(VERBS)}")
+        near = get_close_matches(verb, VERBS, n=1)
+        meant = f"did you mean {near[0]}?" if near else f"choose from {', '.join(VERBS)}"
+        top.error(f"unknown verb {verb!r}; {meant}")
     module = importlib.import_module(VERBS[verb][0])
     parser = _verb_parser(verb, module)
     # what stands without an option may stand on both sides of one: `fit a.npz --starts 3 b.npz`
@@ -156,8 +159,25 @@ class _Parser(argparse.ArgumentParser):
         (file or sys.stdout).write(self.format_help())
 
     def error(self, message: str) -> NoReturn:
+        message = self._in_words(message)
         say(f"{self.prog}: error: {message} (see {self.prog} --help)\n")
         self.exit(BAD_INPUT)
+
+    def _in_words(self, message: str) -> str:
+        """What argparse says, with what to do."""
+        if found := re.search(r"invalid (int|float) value: '(.*)'$", message):
+            kind = {"int": "whole number", "float": "number"}[found[1]]
+            point = ", whose decimal sign is a point" if "," in found[2] else ""
+            return f"{message[: found.start()]}{found[2]!r} is no {kind}{point}"
+        if message.startswith("unrecognized arguments: "):
+            word = message.split(": ", 1)[1].split()[0]
+            known = [o for action in self._actions for o in action.option_strings]
+            near = get_close_matches(word.partition("=")[0], known, n=1)
+            if word.startswith("-") and near:
+                return f"{message}; did you mean {near[0]}?"
+            if not word.startswith("-"):
+                return f"{message}; quote a pattern that names the frames of one test"
+        return message
 
 
 def _now() -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bulgefit.cli import _common
+from bulgefit.cli.json_in import json_of
 from bulgefit.errors import BulgefitError, InputError
 
 if TYPE_CHECKING:
@@ -58,12 +58,14 @@ def run(args: argparse.Namespace) -> int:
     from bulgefit.files import atomic_write_text, check_apart, check_output
     from bulgefit.report.page.page import page_html, sources_of
 
+    if not args.result:
+        raise InputError("the name of the JSON is empty; give that of a result")
     if not Path(args.result).name:
         raise InputError(f"{args.result}: is a folder; name the JSON of a result")
     output = args.output or str(Path(args.result).with_suffix(_SUFFIX))
     _check_name(output, "--output")
     check_apart([output], [args.result])
-    result = _read(args.result)
+    result = json_of(args.result)
     sources = sources_of(result, args.result)
     check_apart([output], [source["source"] for source in sources if source["source"]])
     check_output(output, args.force)
@@ -125,18 +127,6 @@ def _write(
 def _check_name(path: str, option: str) -> None:
     if not is_page(path):
         raise InputError(f"{option} {path}: give a name that ends in {_SUFFIX}")
-
-
-def _read(path: str) -> dict[str, Any]:
-    try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: no JSON of bulgefit ({error})") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: no JSON of bulgefit (it holds no object)")
-    return content
 
 
 def _tests(

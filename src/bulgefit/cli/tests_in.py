@@ -23,6 +23,7 @@ __all__ = [
     "reading_of",
     "same_data",
     "tests_from",
+    "warn_of_alarms",
 ]
 
 
@@ -137,8 +138,8 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--pressure-unit",
         metavar="UNIT",
-        help="unit of that column (bar, mbar, kPa, MPa, Pa), or what one of its unit is worth, "
-        "e.g. 2.5bar/V of a column in V or without a unit (default: what the column states; "
+        help="unit of that column (bar, mbar, kPa, MPa, Pa, psi), or what one of its unit is "
+        "worth, e.g. 2.5bar/V of a column in V or without a unit (default: what the column states; "
         "that of names stays)",
     )
     group.add_argument(
@@ -201,21 +202,27 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
 
     from bulgefit.dic import read_test
     from bulgefit.dic.given import distinctly_named
-    from bulgefit.dic.suspicions import alarms
-    from bulgefit.dic.suspicions.bins import about_bins
-    from bulgefit.dic.suspicions.copies import about_copies
 
     options = reader_options(args)
     tests = distinctly_named([read_test(path, **options) for path in args.tests])
     for test in tests:
-        for alarm in (*alarms(test), *about_copies(test), *about_bins(test)):
-            progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
+        warn_of_alarms(args, test)
     for one, other in combinations(tests, 2):
         if same_data(one, other):
             raise InputError(
                 f"{one.source} and {other.source}: hold the same data; name each test once"
             )
     return tests
+
+
+def warn_of_alarms(args: argparse.Namespace, test: BulgeTest) -> None:
+    """Tell what makes all that follows from a test meaningless."""
+    from bulgefit.dic.suspicions import alarms
+    from bulgefit.dic.suspicions.bins import about_bins
+    from bulgefit.dic.suspicions.copies import about_copies
+
+    for alarm in (*alarms(test), *about_copies(test), *about_bins(test)):
+        progress(args, f"warning: {test.name}: {alarm.text}; {alarm.remedy}")
 
 
 def files_read(paths: Iterable[str | None]) -> list[Path]:

@@ -119,8 +119,8 @@ def _check_pressure(test: BulgeTest) -> None:
     bad = np.flatnonzero(~np.isfinite(pressure))
     if len(bad):
         raise InputError(
-            f"{where}: pressure of frame {bad[0]} is {pressure[bad[0]]} ({len(bad)} not finite); "
-            "give it or leave the frame out"
+            f"{where}: pressure of frame {bad[0]} is {pressure[bad[0]]} (frames count from 0; "
+            f"{len(bad)} not finite); give it or leave the frame out"
         )
     check_pressure_unit(pressure, "MPa", where)
     highest, lowest = float(pressure.max()), float(pressure.min())
@@ -131,8 +131,8 @@ def _check_pressure(test: BulgeTest) -> None:
         )
     if lowest < -_BELOW_ZERO * highest:
         raise InputError(
-            f"{where}: pressure of frame {int(pressure.argmin())} is negative ({_bar(lowest)}), "
-            "more than a gauge's offset; leave the frame out or correct it"
+            f"{where}: pressure of frame {int(pressure.argmin())} is negative ({_bar(lowest)}; "
+            "frames count from 0), more than a gauge's offset; leave the frame out or correct it"
         )
 
 

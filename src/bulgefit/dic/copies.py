@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable, Iterable
+
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.reference_image import shows_nothing
 
-__all__ = ["copied_frames", "without_copies"]
+__all__ = ["copied_frames", "repeated_frames", "without_copies"]
 
 
 def copied_frames(test: BulgeTest) -> dict[int, int]:
@@ -15,13 +17,28 @@ def copied_frames(test: BulgeTest) -> dict[int, int]:
 
     Images at rest in which nothing has moved at all are references, and no copies.
     """
-    first: dict[bytes, int] = {}
-    copies = {}
-    for frame in _of_one_pressure(test):
+    return _same(test, _of_one_pressure(test), lambda frame: float(test.pressure[frame]))
+
+
+def repeated_frames(test: BulgeTest) -> dict[int, int]:
+    """Frames that are bit for bit another one at another pressure, each with the first of them."""
+    same = _same(test, range(test.n_frames), lambda _: None)
+    return {k: first for k, first in same.items() if test.pressure[k] != test.pressure[first]}
+
+
+def _same(
+    test: BulgeTest, frames: Iterable[int], apart: Callable[[int], Hashable]
+) -> dict[int, int]:
+    """Frames that hold what one before them does, and are not set apart from it, with the first."""
+    first: dict[tuple[Hashable, bytes], int] = {}
+    same = {}
+    for frame in frames:
         content = _content(test, frame)
-        if content is not None and first.setdefault(content, frame) != frame:
-            copies[frame] = first[content]
-    return copies
+        if content is None:
+            continue
+        if (found := first.setdefault((apart(frame), content), frame)) != frame:
+            same[frame] = found
+    return same
 
 
 def without_copies(test: BulgeTest) -> BulgeTest:
@@ -39,11 +56,11 @@ def _of_one_pressure(test: BulgeTest) -> list[int]:
 
 
 def _content(test: BulgeTest, frame: int) -> bytes | None:
-    """Pressure, points and displacement of a frame; None where nothing has moved."""
+    """Points and displacement of a frame; None where nothing has moved."""
     for block in test.blocks:
         for row in np.flatnonzero(block.frames == frame):
             moved = block.displacement[row]
             if shows_nothing(moved):
                 return None
-            return test.pressure[frame].tobytes() + block.reference.tobytes() + moved.tobytes()
+            return block.reference.tobytes() + moved.tobytes()
     return None

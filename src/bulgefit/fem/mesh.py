@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -125,8 +126,8 @@ def _parts(count: int, cells: NDArray[np.int64]) -> int:
 
 def check_refine(refine: int) -> None:
     """Refuse a number of refinements that no mesh of ours has; InputError."""
-    if not 1 <= refine <= MOST_REFINE:
-        raise InputError(f"mesh: refine must be 1 to {MOST_REFINE}, got {refine}")
+    if not isinstance(refine, Integral) or not 1 <= refine <= MOST_REFINE:
+        raise InputError(f"mesh: refine must be a whole number, 1 to {MOST_REFINE}, got {refine!r}")
 
 
 def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
@@ -147,8 +148,8 @@ def disc(radius: float = 100.0, refine: int = DEFAULT_REFINE) -> Mesh:
         Radius or `refine` cannot be.
     """
     check_refine(refine)
-    if not 0.0 < radius < np.inf:
-        raise InputError(f"mesh: radius must be a length above 0 mm, got {radius:g}")
+    if not isinstance(radius, Real) or not 0.0 < radius < np.inf:
+        raise InputError(f"mesh: radius must be a length above 0 mm, got {radius!r}")
     side, ring = 3 * refine, 4 * refine
     core = 0.42  # half diagonal of the middle square over the radius
     t = np.linspace(-1.0, 1.0, side + 1)

@@ -149,48 +149,82 @@ def traced(
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
     if (refused := _refused(stiffness, low, shown)) is not None:
         return Traced(None, refused)
-    soft = beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1])
+    asked = _Asked(membrane, stiffness, low, high, tolerance, sensitivities, shown)
+    if beyond_ellipticity and stiffness[3] < _SOFT_SHEAR * (stiffness[0] + stiffness[1]):
+        return _leapt(asked, begun)
+    return _followed(asked, begun, elliptic=not beyond_ellipticity)
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """What is asked of a path: see `traced`."""
+
+    membrane: Membrane
+    stiffness: Floats
+    low: float
+    high: float
+    tolerance: float
+    sensitivities: bool
+    shown: Mapping[str, float]
+
+    def tracer(self, *, elliptic: bool, work: int = 0) -> Tracer:
+        """A path without levels, on which so many factorisations were spent."""
+        allowed = self.tolerance * self.membrane.radius / 100.0
+        tracer = Tracer(
+            self.membrane, self.stiffness, allowed, self.sensitivities, elliptic=elliptic
+        )
+        tracer.work = work
+        return tracer
+
+    def upwards(self, tracer: Tracer, begun: Sequence[tuple[float, Floats]], leaps: bool) -> Path:
+        """All levels, from those that are begun."""
+        if not _go_on(tracer, begun):
+            _start(tracer, np.cbrt(self.low), np.cbrt(self.high))
+        return _path(tracer, _climb(tracer, np.cbrt(self.high), leaps=leaps))
+
+    def unbalanced(self, tracer: Tracer, error: NewtonError) -> Traced:
+        """A path that ends where an iteration does."""
+        reached = tracer.levels[-1].s if tracer.levels else 0.0
+        at = max(reached, np.cbrt(self.low))
+        stopped = StoppedError(error.reason, error.cause, at, reached, error)
+        return _ended(tracer, stopped, self.shown)
+
+
+def _followed(asked: _Asked, begun: Sequence[tuple[float, Floats]], *, elliptic: bool) -> Traced:
+    """By steps that are predicted; where there are no more the path ends."""
+    tracer = asked.tracer(elliptic=elliptic)
+    try:
+        return Traced(asked.upwards(tracer, begun, leaps=False))
+    except StoppedError as stopped:
+        return _ended(tracer, stopped, asked.shown)
+    except NewtonError as error:
+        return asked.unbalanced(tracer, error)
+
+
+def _leapt(asked: _Asked, begun: Sequence[tuple[float, Floats]]) -> Traced:
+    """Past the singular points of soft shear; where no leap leads on, by descent."""
     within, spent = None, 0
-
-    def elliptic(begun: Sequence[tuple[float, Floats]]) -> Traced:
-        return traced(
-            membrane, stiffness, (low, high), tolerance=tolerance,
-            sensitivities=sensitivities, parameters=parameters, begun=begun,
-        )  # fmt: skip
-
-    if soft and not begun and membrane.fabric.lies_loosely:
+    if not begun and asked.membrane.fabric.lies_loosely:
         # descents find what no leap does, and are sound as far as the law is elliptic
-        within = elliptic(begun)
+        within = _followed(asked, begun, elliptic=True)
         if within.error is None:
             return within
         begun, spent = _reached(within), _work(within)
-    allowed = tolerance * membrane.radius / 100.0
-    tracer = Tracer(membrane, stiffness, allowed, sensitivities, elliptic=not beyond_ellipticity)
-    tracer.work = spent
+    tracer = asked.tracer(elliptic=False, work=spent)
     try:
-        if not _go_on(tracer, begun):
-            _start(tracer, np.cbrt(low), np.cbrt(high))
-        worst = _climb(tracer, np.cbrt(high), leaps=soft)
-        return Traced(_path(tracer, worst))
-    except StoppedError as stopped:
-        if not soft:
-            return _ended(tracer, stopped, shown)
+        return Traced(asked.upwards(tracer, begun, leaps=True))
     except NewtonError as error:
-        reached = tracer.levels[-1].s if tracer.levels else 0.0
-        at = max(reached, np.cbrt(low))
-        return _ended(tracer, StoppedError(error.reason, error.cause, at, reached, error), shown)
-    within = within or elliptic(begun)
-    return _settled(tracer, within, np.cbrt(high), shown)
+        return asked.unbalanced(tracer, error)
+    except StoppedError:
+        within = within or _followed(asked, begun, elliptic=True)
+    return _settled(asked, tracer, within)
 
 
-def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, float]) -> Traced:
+def _settled(asked: _Asked, leapt: Tracer, within: Traced) -> Traced:
     """Where leaps stop: the path as far as the law is elliptic, and from there on by descent."""
     if within.error is None or within.error.cause is Cause.LIMIT_PRESSURE:
         return within
-    tracer = Tracer(
-        leapt.membrane, leapt.stiffness, leapt.tolerance, leapt.sensitivities, elliptic=False
-    )
-    tracer.work = leapt.work + _work(within)
+    tracer = asked.tracer(elliptic=False, work=leapt.work + _work(within))
     if _go_on(tracer, _reached(within)):
         last = tracer.levels[-1]
         s, shape = last.s, last.displacement
@@ -202,9 +236,9 @@ def _settled(leapt: Tracer, within: Traced, end: float, shown: Mapping[str, floa
         tracer = leapt
         s, shape = tracer.levels[-1].s, tracer.levels[-1].displacement
     try:
-        settle(tracer, s, shape, end)
+        settle(tracer, s, shape, np.cbrt(asked.high))
     except StoppedError as stopped:
-        return _ended(tracer, stopped, shown)
+        return _ended(tracer, stopped, asked.shown)
     return Traced(_path(tracer, np.inf))
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import Parameter
 from bulgefit.errors import InputError, UnsolvedError
+from bulgefit.fitting.fit import weighed
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits
 from bulgefit.fitting.multistart import descents
 from bulgefit.fitting.problem import Problem
@@ -148,11 +150,14 @@ def bootstrap(
         No refit found an equilibrium.
     """
     given = given_tests(tests)
-    length = _block_length(given, block)
+    for name, number in (("replicates", replicates), ("block", block or 1), ("seed", seed)):
+        if not isinstance(number, Integral):
+            raise InputError(f"bootstrap: {name} is a whole number, got {number!r}")
+    length, seed = _block_length(given, block), int(seed)
     if replicates < 1:
         raise InputError(f"bootstrap: give 1 or more replicates, got {replicates}")
-    if not 0.0 < level < 1.0:
-        raise InputError(f"bootstrap: the level lies between 0 and 1, got {level:g}")
+    if not isinstance(level, Real) or not 0.0 < level < 1.0:
+        raise InputError(f"bootstrap: the level lies between 0 and 1, got {level!r}")
     refits = _Refits(_problem(found, given), seed, length)
     start = refits.base.coordinates({**found.material.values, **found.effects})
     results = descents(
@@ -167,7 +172,7 @@ def bootstrap(
     if not values:
         raise UnsolvedError(f"bootstrap: no refit found an equilibrium: {results[0].reason}")
     failures = len(results) - len(values)
-    return Bootstrap(found.free, np.array(values), failures, level, length, seed)
+    return Bootstrap(found.free, np.array(values), failures, float(level), length, seed)
 
 
 class _Refits:
@@ -181,17 +186,22 @@ class _Refits:
         rng = np.random.default_rng([self.seed, index])
         objective = self.base.objective
         for _ in range(_DRAWS):
-            times = [_drawn(test.n_frames, self.block, rng) for test in objective.tests]
+            times = [_drawn(test.pressure, self.block, rng) for test in objective.tests]
             repeated = objective.repeated(times)
             if repeated is not None:
                 return self.base.with_objective(repeated)
         raise InputError("bootstrap: next to no frame has anything that the objective compares")
 
 
-def _drawn(frames: int, block: int, rng: np.random.Generator) -> Floats:
-    """How often each frame is drawn: runs of neighbours, the last followed by the first."""
+def _drawn(pressure: Floats, block: int, rng: np.random.Generator) -> Floats:
+    """How often each frame is drawn: runs of neighbours in pressure.
+
+    The last is followed by the first, so that all are drawn alike (Politis and Romano, 1992).
+    """
+    frames = len(pressure)
     first = rng.integers(frames, size=-(-frames // block))
-    drawn = (first[:, None] + np.arange(block)).ravel()[:frames] % frames
+    ranks = (first[:, None] + np.arange(block)).ravel()[:frames] % frames
+    drawn = np.argsort(pressure, kind="stable")[ranks]
     return np.bincount(drawn, minlength=frames).astype(float)
 
 
@@ -199,7 +209,7 @@ def _block_length(tests: Sequence[BulgeTest], block: int | None) -> int:
     fewest = min(test.n_frames for test in tests)
     if fewest < 2:
         raise InputError("bootstrap: every test needs two frames or more")
-    length = round(fewest ** (1 / 3)) if block is None else block
+    length = round(fewest ** (1 / 3)) if block is None else int(block)
     if not 1 <= length < fewest:
         raise InputError(
             f"bootstrap: runs of {length} frames; give 1 or more, and fewer than the {fewest} "
@@ -212,7 +222,8 @@ def _problem(found: FitResult, tests: Sequence[BulgeTest]) -> Problem:
     """The problem that was solved, with the mesh's error taken off as it is at its optimum."""
     bounds = {**found.options.bounds, **{p.name: (p.lower, p.upper) for p in found.free}}
     problem = replace(found.options, bounds=bounds, weight=found.weights).problem(tests)
+    z = problem.coordinates({**found.material.values, **found.effects})
     if problem.objective.setup.corrects_mesh:
-        z = problem.coordinates({**found.material.values, **found.effects})
         problem.objective.correct_mesh(problem.shapes(z))
+    weighed(problem, z)
     return problem

@@ -23,7 +23,7 @@ from bulgefit.fitting.multistart import best_of, descents, starting_points
 from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES, displacement_weight
 from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem, bounded
-from bulgefit.fitting.result import FORMAT
+from bulgefit.fitting.result import FORMAT, describe_tests
 from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["check_owners", "crossval"]
@@ -89,6 +89,7 @@ def crossval(
             _fold(left_out, folds[i], found[i * each : (i + 1) * each], chosen)
             for i, left_out in enumerate(tests)
         ],
+        tests,
     )
 
 
@@ -164,7 +165,9 @@ def _fold(
     }
 
 
-def _summary(objective: str, folds: list[dict[str, Any]]) -> CrossValidation:
+def _summary(
+    objective: str, folds: list[dict[str, Any]], tests: Sequence[BulgeTest]
+) -> CrossValidation:
     judged = OBJECTIVES[0] if objective == LIKELIHOOD else objective
     scores = [fold["left_out_objectives"][judged] for fold in folds]
     seen = [s for s in scores if s is not None]
@@ -177,5 +180,6 @@ def _summary(objective: str, folds: list[dict[str, Any]]) -> CrossValidation:
             "folds": folds,
             "mean": float(np.mean(seen)) if seen else None,
             "standard_deviation": float(np.std(seen, ddof=1)) if len(seen) > 1 else None,
+            "sources": describe_tests(tests),
         }
     )

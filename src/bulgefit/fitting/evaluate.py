@@ -12,8 +12,8 @@ from bulgefit.effects.parameter import of_specimen
 from bulgefit.errors import SolveError
 from bulgefit.fitting.answers import Evaluation
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.fitting.problem import check_needs, key_among, stated_ratio
-from bulgefit.fitting.result import FORMAT, describe_tests, versions
+from bulgefit.fitting.problem import key_among, stated_ratio
+from bulgefit.fitting.result import FORMAT, FitResult, describe_tests, versions
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, as_effects, as_material
 from bulgefit.model.setup import Setup
@@ -54,7 +54,7 @@ def evaluate(
         parts = objective.parts(_shapes(objective, made, as_effects(effects)))
     answer = Evaluation({"parameters": dict(made.values), **_payload(objective, parts)})
     if effects:
-        answer["effects"] = dict(effects)
+        answer["effects"] = as_effects(effects)
     return answer
 
 
@@ -68,7 +68,6 @@ def _shapes(objective: Objective, material: Material, effects: Mapping[str, floa
     """Corrected for the mesh's error, where the setup asks for that."""
     count = len(objective.tests)
     given = {key_among(name, count, "effects"): value for name, value in effects.items()}
-    check_needs(given, objective.tests)
     values = [{**material.constants(), **of_specimen(given, i)} for i in range(count)]
     shapes = objective.shapes(values)
     if objective.setup.corrects_mesh:
@@ -90,7 +89,7 @@ def evaluate_resting(
 
 def cross_table(
     tests: GivenTests,
-    optima: Mapping[str, Material],
+    optima: Mapping[str, Material | FitResult],
     *,
     weight: float | Sequence[float] | None = None,
     average: str = "points",
@@ -100,8 +99,8 @@ def cross_table(
 
     Parameters
     ----------
-    optima : mapping of name to Material
-        Usually the optimum of each objective.
+    optima : mapping of name to Material or FitResult
+        Usually the fit by each objective, whose effects are taken along.
 
     Returns
     -------
@@ -111,16 +110,18 @@ def cross_table(
     """
     objective = _objective(tests, weight, average, setup)
 
-    def row(material: Material) -> dict[str, float | None]:
+    def row(optimum: Material | FitResult) -> dict[str, float | None]:
+        found = optimum if isinstance(optimum, Material) else optimum.material
+        effects = {} if isinstance(optimum, Material) else optimum.effects
         try:
-            shapes = _shapes(objective, material, {})
+            shapes = _shapes(objective, found, effects)
         except SolveError:
             # an optimum over fewer pressures need not reach those of this table
             return dict.fromkeys(OBJECTIVES)
         return objective.combined(objective.parts(shapes))
 
     with one_blas_thread():
-        table = {name: row(material) for name, material in optima.items()}
+        table = {name: row(optimum) for name, optimum in optima.items()}
     return table | {"undeformed": objective.combined(objective.parts(None))}
 
 

@@ -22,11 +22,12 @@ from bulgefit.fitting.options import FitOptions, options_from
 from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.quality import quality_of
 from bulgefit.fitting.result import FitResult, Stability, describe_tests
+from bulgefit.fitting.sides import turned
 from bulgefit.fitting.uncertainty import uncertainty_of
 from bulgefit.model.inflation import Shapes
 from bulgefit.parallel.threads import one_blas_thread
 
-__all__ = ["corrected_at_start", "fit", "polished", "stability"]
+__all__ = ["corrected_at_start", "fit", "polished", "stability", "weighed"]
 
 Floats = NDArray[np.floating]
 
@@ -103,6 +104,16 @@ def corrected_at_start(problem: Problem) -> None:
             return  # the optimum will tell
 
 
+def weighed(problem: Problem, z: Floats) -> None:
+    """Weigh data, and what is believed beside them, by the noise that a model leaves of them.
+
+    A displacement as it is shows its noise by what a local surface leaves of it; where a few
+    hundred points lie far apart that is its curvature, and several times the noise.
+    """
+    if problem.objective.squared or problem.priors:
+        problem.objective.weigh_by(noise_left(problem.objective, problem.shapes(z)))
+
+
 def polished(problem: Problem, z: Floats, options: FitOptions) -> Descent:
     """The fit once more from its end, with the mesh's error as it is there, on all data.
 
@@ -111,6 +122,8 @@ def polished(problem: Problem, z: Floats, options: FitOptions) -> Descent:
     measured; a second round leaves a hundredth of it. Where parameters can hardly be told apart a
     round may leave half: they go on until one moves none of them.
     """
+    z = turned(problem, z, options.method, options.limits)
+    weighed(problem, z)
     rounds = _ROUNDS if options.method == GAUSS_NEWTON else _OTHERS
     for _ in range(rounds if problem.objective.setup.corrects_mesh else 0):
         problem.objective.correct_mesh(problem.shapes(z))

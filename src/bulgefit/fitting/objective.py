@@ -218,7 +218,7 @@ class Objective:
                         f"{part.test.name}: too little was measured to tell its noise, which the "
                         "likelihood needs; use another objective"
                     )
-                part.weigh_by(noise)
+            self.weigh_by(self.noise())
         for part in self._parts:
             if part.empty:
                 raise InputError(
@@ -253,6 +253,14 @@ class Objective:
         if self.noises is None:
             self.noises = tuple(noise_of(test) for test in self.tests)
         return self.noises
+
+    def weigh_by(self, noises: Sequence[Noise | None]) -> None:
+        """Take the noise of each test for this: what shows none keeps what it has."""
+        self.noises = tuple(new or old for new, old in zip(noises, self.noise(), strict=True))
+        if self.squared:
+            for part, noise in zip(self._parts, self.noises, strict=True):
+                if noise is not None:
+                    part.weigh_by(noise)
 
     def shapes(
         self,

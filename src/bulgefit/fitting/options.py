@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any
 
+import numpy as np
+
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.fitting.minimise import GAUSS_NEWTON, Limits, check_method
@@ -113,35 +115,48 @@ class FitOptions:
 _KINDS: Mapping[str, tuple[Any, str]] = {
     **dict.fromkeys(("objective", "material", "average", "method"), (str, "a name")),
     **dict.fromkeys(("bounds", "held", "priors", "uncertainty"), (Mapping, "a dict by name")),
-    **dict.fromkeys(("starts", "seed"), (int, "a whole number")),
+    **dict.fromkeys(("starts", "seed"), (numbers.Integral, "a whole number")),
     **dict.fromkeys(("free", "effects"), (Iterable, "a name or a list of names")),
     "setup": (Setup, "a Setup"),
     "limits": (Limits, "Limits"),
 }
 
 
-def _check_kind(name: str, value: Any) -> None:
+def _plain(name: str, value: Any) -> Any:
+    """An option's value, of what kind of numbers and lists it was made, as Python's own."""
     kind, words = _KINDS.get(name, (object, ""))
     if not isinstance(value, kind):
         raise InputError(f"{name}: give {words}, not {value!r}")
     if name in ("held", "uncertainty"):
-        as_values(value, name, "numbers by name")
-    elif name == "bounds":
-        for key, ends in value.items():
-            _check_numbers(f"bounds of {key}", ends, "a lower and an upper number", (2,))
-    elif name == "weight":
-        _check_numbers("weight", value, "one number of dz, or three of dx, dy, dz", (1, 3))
-    elif name == "priors":
-        for key, prior in value.items():
-            if not isinstance(prior, Prior):
-                raise InputError(f"prior of {key}: give a Prior(mean, deviation), not {prior!r}")
+        return as_values(value, name, "numbers by name")
+    if name == "bounds":
+        what = "a lower and an upper number"
+        return {k: _numbers(f"bounds of {k}", ends, what, (2,)) for k, ends in value.items()}
+    if name == "weight":
+        found = _numbers("weight", value, "one number of dz, or three of dx, dy, dz", (1, 3))
+        return found[0] if len(found) == 1 else found
+    if name == "priors":
+        return {key: _prior(key, prior) for key, prior in value.items()}
+    if name in ("starts", "seed"):
+        return int(value)
+    if name in ("free", "effects"):
+        return tuple(filter(None, value.split(",")) if isinstance(value, str) else value)
+    return value
 
 
-def _check_numbers(what: str, given: Any, words: str, counts: Sequence[int]) -> None:
-    values = list(given) if isinstance(given, Iterable) else [given]
+def _prior(key: str, prior: Any) -> Prior:
+    if not isinstance(prior, Prior):
+        raise InputError(f"prior of {key}: give a Prior(mean, deviation), not {prior!r}")
+    return Prior(*_numbers(f"prior of {key}", [prior.mean, prior.deviation], "numbers", (2,)))
+
+
+def _numbers(what: str, given: Any, words: str, counts: Sequence[int]) -> tuple[float, ...]:
+    listed = given.tolist() if isinstance(given, np.ndarray) else given
+    values = list(listed) if isinstance(listed, Iterable) else [listed]
     real = all(isinstance(v, numbers.Real) and not isinstance(v, bool) for v in values)
     if not real or len(values) not in counts:
         raise InputError(f"{what}: give {words}, not {given!r}")
+    return tuple(map(float, values))
 
 
 def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitOptions:
@@ -163,13 +178,8 @@ def options_from(options: FitOptions | None, changes: Mapping[str, Any]) -> FitO
     if not (options is None or isinstance(options, FitOptions)):
         raise InputError(f"options: give FitOptions, or options by name, not {options!r}")
     given = {name: value for name, value in changes.items() if value is not None}
-    for name, value in given.items():
-        _check_kind(name, value)
-    for name in ("free", "effects"):
-        if isinstance(given.get(name), str):
-            given[name] = tuple(part for part in given[name].split(",") if part)
-        elif name in given:
-            given[name] = tuple(given[name])
-    chosen = replace(options or FitOptions(), **given)
+    asked = replace(options or FitOptions(), **given)
+    plain = {name: value for name in known if (value := getattr(asked, name)) is not None}
+    chosen = replace(asked, **{name: _plain(name, value) for name, value in plain.items()})
     chosen.check()
     return chosen

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -11,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
+from bulgefit.model.description import check_needs, require_needs
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import (
     Material,
@@ -32,7 +33,6 @@ __all__ = [
     "Prior",
     "Problem",
     "bounded",
-    "check_needs",
     "key_among",
     "stated_ratio",
 ]
@@ -127,7 +127,8 @@ class Problem:
         moduli = free_parameters(kind, free, limits)
         freed = _freed(effects, len(tests), objective)
         fixed = _known(held or {}, ours, len(tests))
-        check_needs(fixed, tests)
+        for i, test in enumerate(tests):
+            check_needs(of_specimen(fixed, i), test)
         by_bounds = {Key("", n): ends[0] for n, ends in limits.items() if held_by(ends)}
         self.keys = (*(Key("", p.name) for p in moduli), *freed)
         self.free = (*moduli, *(_bounded(key, given) for key in freed))
@@ -224,9 +225,33 @@ class Problem:
         """Free parameters at coordinates z in [0, 1]."""
         along = self._lower + (self._upper - self._lower) * np.asarray(z)
         return {
-            key: float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper))
+            key: _within(p, float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper)))
             for key, p, c in zip(self.keys, self.free, along, strict=True)
         }
+
+    def idle(self, z: Floats) -> list[tuple[int, int]]:
+        """Places of parameters with a period and of what governs each, where that is at its null.
+
+        A whole period lies within their bounds.
+        """
+        values, found = self.keyed(z), []
+        for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
+            governor = key._replace(parameter=p.governor or "")
+            if _turns(p) and governor in self.keys:
+                g = self.keys.index(governor)
+                own = self.free[g]
+                near = AT_BOUND * (own.upper - own.lower)
+                if abs(values[governor] - (own.null or 0.0)) <= near:
+                    found.append((j, g))
+        return found
+
+    def awoken(self, z: Floats, turning: int, governor: int, turn: float) -> Floats:
+        """Coordinates with one of `idle` turned by a part of its period, and its governor there."""
+        values, p, own = self.keyed(z), self.free[turning], self.keys[governor]
+        assert p.period is not None
+        values[self.keys[turning]] = _within(p, values[self.keys[turning]] + turn * p.period)
+        values[own] = self._start_of(self.free[governor], own)
+        return self.coordinates({str(key): value for key, value in values.items()})
 
     def values(self, z: Floats) -> dict[str, float]:
         """The same under their names, as results tell them."""
@@ -420,6 +445,19 @@ def bounded(parameter: Parameter, value: float) -> bool:
     return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
 
 
+def _turns(parameter: Parameter) -> bool:
+    """Whether a parameter may take all values of its period."""
+    return parameter.period is not None and parameter.upper - parameter.lower > parameter.period
+
+
+def _within(parameter: Parameter, value: float) -> float:
+    """A value, as that of its period that is nearest to none."""
+    if not _turns(parameter):
+        return value
+    assert parameter.period is not None
+    return math.remainder(value, parameter.period)
+
+
 def _of_material(values: Mapping[Key, Of]) -> dict[str, Of]:
     """Those of the material, by name."""
     return {key.name: value for key, value in values.items() if not key.effect}
@@ -450,7 +488,13 @@ def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
         else:
             wanted = effect_named(name).groups()[-1]
         effect = effect_named(name.partition(".")[0])
-        _require_needs(effect, objective.tests)
+        if not effect.parameters:
+            raise InputError(
+                f"{effect.id} cannot be fitted: it has a value at every point, which a diagnosis "
+                "looks for"
+            )
+        for test in objective.tests:
+            require_needs(effect, test)
         if effect.never_separable:
             raise InputError(
                 f"{effect.id} cannot be fitted: {effect.never_separable}; hold it at a value"
@@ -461,31 +505,14 @@ def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
     return list(found)
 
 
-def _require_needs(effect: Effect, tests: Iterable[BulgeTest]) -> None:
-    for need in effect.needs:
-        for test in tests:
-            if getattr(test, need) is None:
-                raise InputError(f"{test.name}: {effect.id} needs the {need} of its frames")
-
-
-def check_needs(values: Mapping[Key, float], tests: Sequence[BulgeTest]) -> None:
-    """Refuse effects that are there and need what a test has not, so that they would do nothing.
-
-    Raises
-    ------
-    InputError
-    """
-    for key, value in values.items():
-        if key.effect and value != parameter_named(key.name).null:
-            own = tests if key.specimen is None else [tests[key.specimen]]
-            _require_needs(effect_named(key.effect), own)
-
-
 def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
     """An effect's parameter under its key's name, within given bounds or its plausible range."""
     parameter = parameter_named(key.name)
     of_all = bounds.get(key._replace(specimen=None), (parameter.lower, parameter.upper))
     low, high = bounds.get(key, of_all)
+    if parameter.period is not None and (low, high) == (parameter.lower, parameter.upper):
+        # a descent goes on past where values begin anew
+        low, high = low - 0.5 * parameter.period, high + 0.5 * parameter.period
     if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
         raise InputError(
             f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}; an effect is held "

@@ -117,12 +117,16 @@ class Scores:
         return out
 
     def curvature(self, key: tuple[int, int]) -> float:
-        """E[ρ''] of a test's component, once all points are in."""
+        """E[ρ''] of a test's component, once all points are in; 0 where too few are left to tell.
+
+        A sum of absolute deviations is least where as many of them are nothing as parameters are
+        free (Bassett and Koenker, 1978): those tell nothing of how large the others are.
+        """
         if self.squared:
             return 1.0
         if key not in self._curvatures:
-            left = np.concatenate(self._residuals[key])
-            deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9) if len(left) else np.inf
+            left = np.sort(np.abs(np.concatenate(self._residuals[key])))[self._size :]
+            deviation = max(1.4826 * float(np.median(left)), 1e-9) if len(left) else np.inf
             self._curvatures[key] = float(np.sqrt(2.0 / np.pi) / deviation)
         return self._curvatures[key]
 

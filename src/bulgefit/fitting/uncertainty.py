@@ -409,10 +409,10 @@ def _described(
         if not told[j] or not np.isfinite(error) or error == 0.0:
             stderr[p.name] = intervals[p.name] = by_noise[p.name] = by_block[p.name] = None
             continue
-        unit = abs(problem.value_slope(j, z))
+        unit = _of_value(problem, z, j, error)
         stderr[p.name] = error * unit
         ends = [problem.value_at(j, z[j] + sign * quantiles[j] * error) for sign in (-1, 1)]
-        intervals[p.name] = (min(ends), max(ends))
+        intervals[p.name] = (max(min(ends), _least(problem.keys[j])), max(ends))
         by_noise[p.name] = float(np.sqrt(noise[j, j])) * unit
         by_block[p.name] = float(np.sqrt(blocks[j, j])) * unit
         parts[p.name] = {name: abs(float(by[j])) * unit for name, by in sources.items()}
@@ -430,6 +430,23 @@ def _described(
         mesh,
         unknown,
     )
+
+
+def _of_value(problem: Problem, z: Floats, j: int, error: float) -> float:
+    """How much of its value a parameter's error is, over how much of its coordinate it is.
+
+    At none at all the slope of a length by its square is infinite: what one standard error upwards
+    leads to is its error, there and elsewhere.
+    """
+    if problem.free[j].coordinate == "square":
+        return (problem.value_at(j, z[j] + error) - problem.value_at(j, z[j])) / error
+    return abs(problem.value_slope(j, z))
+
+
+def _least(key: Key) -> float:
+    """The lowest value that means anything."""
+    parameter = parameter_named(key.name) if key.effect else None
+    return parameter.lower if parameter is not None and parameter.begins_at_null else -np.inf
 
 
 def _correlations(

@@ -40,6 +40,7 @@ from bulgefit.gap.regress import Regression, regress, starting_moduli
 from bulgefit.gap.residual.locate import azimuthal_modes
 from bulgefit.gap.residual.measure import fitted_gap, held_out_gap, noise_gap, weight_of
 from bulgefit.gap.scatter import scatter_of
+from bulgefit.model.description import check_needs
 from bulgefit.model.parameters import as_effects
 from bulgefit.parallel.threads import one_blas_thread
 from bulgefit.parallel.workers import open_executor
@@ -69,7 +70,8 @@ def diagnose(
     ----------
     tests : BulgeTest, path, or sequence of them
         Several are specimens of one cloth and judged together: they share its law, about which each
-        has factors of its own along warp and fill; all other effects are each test's own.
+        has factors of its own along warp and fill, and the face that is seen; all other effects are
+        each test's own.
     holdout : BulgeTest, optional
         A specimen that takes no part: what specimens share comes from the others, what it has of
         its own is looked for on every second frame, and it is judged on the rest.
@@ -116,9 +118,15 @@ def diagnose(
     wanted = _not_held(chosen_effects(effects), known, named=effects is not None)
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
+    every = given
     if holdout is not None:
-        *_, holdout = distinctly_named([*given, *given_tests(holdout)])
-    _same_ratio(given if holdout is None else [*given, holdout])
+        every = distinctly_named([*given, *given_tests(holdout)])
+        if len(every) != len(given) + 1:
+            raise InputError("holdout: give one test; the others are diagnosed together")
+        holdout = every[-1]
+    _same_ratio(every)
+    for test in every:
+        check_needs(known, test)
     believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:

@@ -18,7 +18,7 @@ from bulgefit.gap.bands import first_with_bands
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.inflation import Shapes
+from bulgefit.model.inflation import Shapes, at_rest
 from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
 
 __all__ = [
@@ -163,7 +163,7 @@ def _usable_frames(test: BulgeTest) -> tuple[NDArray[np.intp], float | None]:
     """Frames with pressure, up to the one where bands begin; thinned evenly."""
     (block,) = test.blocks
     order = np.argsort(test.pressure, kind="stable")
-    frames = order[test.pressure[order] > 0.0]
+    frames = order[~at_rest(test.pressure[order])]
     frames = frames[_complete(block)[frames].sum(axis=1) >= LEAST_POINTS]
     if len(frames) < LEAST_FRAMES:
         return frames, None

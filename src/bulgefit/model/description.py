@@ -10,6 +10,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.base import Effect
 from bulgefit.effects.places import LEAST_SLIP, Clamping, Clock, Cloth, Load
 from bulgefit.effects.registry import acting, effect_named, own_values, parameter_named
@@ -25,11 +26,13 @@ __all__ = [
     "Description",
     "Values",
     "active_effects",
+    "check_needs",
     "checked",
     "cloth_law",
     "describe",
     "gauss_points",
     "null_values",
+    "require_needs",
     "surface_of",
     "with_value",
 ]
@@ -110,6 +113,26 @@ def checked(values: Iterable[str]) -> None:
     for name in values:
         if name not in CONSTANTS:
             parameter_named(name)
+
+
+def check_needs(values: Values, test: BulgeTest) -> None:
+    """Refuse effects that are there and need what a test has not, so that they would do nothing.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, value in values.items():
+        effect, dot, _ = name.partition(".")
+        if dot and value != parameter_named(name).null:
+            require_needs(effect_named(effect), test)
+
+
+def require_needs(effect: Effect, test: BulgeTest) -> None:
+    """Refuse a test that has not what an effect needs; InputError."""
+    for need in effect.needs:
+        if getattr(test, need) is None:
+            raise InputError(f"{test.name}: {effect.id} needs the {need} of its frames")
 
 
 def null_values(poisson_ratio: float) -> dict[str, float]:

@@ -29,7 +29,7 @@ from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.model.softening import Kept, kept_by, lost_mode
 from bulgefit.parallel.threads import side_by_side
 
-__all__ = ["LEAST_PRESSURE", "Inflation", "Shapes"]
+__all__ = ["LEAST_PRESSURE", "Inflation", "Shapes", "at_rest"]
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +37,8 @@ Floats = NDArray[np.float64]
 LIGHT_PRESSURE = 1e-4
 #: Frames with pressure are balanced at this (MPa) or more; one without shows the fabric at rest.
 LEAST_PRESSURE = 1e-6
+#: Part of the highest pressure that is left of a gauge's readings where they cancel, by rounding.
+_CANCELLED = 1e-12
 #: Share of the radius by which rounding sets mirror images apart.
 _ROUNDING = 1e-12
 
@@ -218,7 +220,7 @@ class Inflation:
         if loads:
             by_pressure = self._by_pressure(path, pressure)
             # as in `balanced`: what is not inflated lies still
-            by_pressure[np.asarray(given.load.balanced) <= 0.0] = 0.0
+            by_pressure[at_rest(np.asarray(given.load.balanced))] = 0.0
             derivative |= {n: rate[:, None, None] * by_pressure for n, rate in loads.items()}
         at = np.minimum(np.searchsorted(path.pressure, pressure), len(path.pressure) - 1)
         first = int(np.argmin(path.stable)) if not path.stable.all() else len(path.stable)
@@ -273,7 +275,7 @@ class Inflation:
         """
         membrane = self.membrane(given)
         loads = np.asarray(given.load.balanced, dtype=float)
-        rest = loads <= 0.0
+        rest = at_rest(loads)
         pressure = np.maximum(loads, LEAST_PRESSURE)
         work, loose = 0, False
         if guesses is None:
@@ -402,6 +404,11 @@ class Inflation:
             # what the rim does fades towards the centre
             guess += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
         return guess, path.factorisations
+
+
+def at_rest(loads: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Frames (k,) that no pressure inflates, of loads (k,) in MPa."""
+    return np.asarray(loads <= _CANCELLED * max(float(loads.max(initial=0.0)), 0.0))
 
 
 def _of_frame(membrane: Membrane, given: Description, frame: int) -> Membrane:

@@ -66,10 +66,26 @@ class Material:
         A key of `MATERIALS`.
     values : dict of str to float
         Moduli in MPa, Poisson ratio 1, in the order of `MATERIALS`.
+
+    Raises
+    ------
+    InputError
+        Unknown kind, missing or unknown parameters.
     """
 
     kind: str
     values: dict[str, float]
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in parameters_of(self.kind)]
+        missing = [n for n in names if n not in self.values]
+        unknown = [n for n in self.values if n not in names]
+        if missing or unknown:
+            raise InputError(
+                f"material {self.kind} takes {', '.join(names)}"
+                + (f"; missing: {', '.join(missing)}" if missing else "")
+                + (f"; unknown: {', '.join(unknown)}" if unknown else "")
+            )
 
     def constants(self) -> dict[str, float]:
         """E1, E2, G12 (MPa) and nu12; raises InputError where they are not admissible."""
@@ -105,16 +121,9 @@ def material(kind: str, **values: float) -> Material:
         Unknown kind, missing or unknown parameters, or values that are not admissible.
     """
     names = [p.name for p in parameters_of(kind)]
-    missing = [n for n in names if n not in values]
-    unknown = [n for n in values if n not in names]
-    if missing or unknown:
-        raise InputError(
-            f"material {kind} takes {', '.join(names)}"
-            + (f"; missing: {', '.join(missing)}" if missing else "")
-            + (f"; unknown: {', '.join(unknown)}" if unknown else "")
-        )
-    as_values(values, "material", ", ".join(names))
-    made = Material(kind, {n: float(values[n]) for n in names})
+    given = as_values(values, "material", ", ".join(names))
+    # what is missing, Material tells
+    made = Material(kind, {n: given[n] for n in [*names, *values] if n in given})
     made.stiffness()
     return made
 
@@ -200,7 +209,7 @@ def as_values(given: Any, what: str, such_as: str) -> dict[str, float]:
             raise InputError(f"{what}: {name!r} is no name; give a dict of {such_as}")
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise InputError(f"{what}: {name} must be a number, got {value!r}")
-    return dict(given)
+    return {name: float(value) for name, value in given.items()}
 
 
 def parameters_of(kind: str) -> tuple[Parameter, ...]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 
-from bulgefit.errors import one_of
+from bulgefit.errors import InputError, one_of
 from bulgefit.fem.laws.registry import LAWS
 from bulgefit.fem.linear import SOLVERS
 from bulgefit.fem.mesh import DEFAULT_REFINE, Mesh, check_refine
@@ -63,6 +64,8 @@ class Setup:
         one_of(self.interpolation, INTERPOLATIONS, "interpolation")
         if self.linear_solver is not None:
             one_of(self.linear_solver, SOLVERS, "linear solver")
+        if not isinstance(self.tolerance, Real) or not 0.0 < self.tolerance < np.inf:
+            raise InputError(f"tolerance must be a length above 0 mm, got {self.tolerance!r}")
         if self.mesh is None:
             check_refine(self.refine)
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -253,11 +254,12 @@ def simulate(
     """
     began = time.perf_counter()
     loads = _pressures(pressure)
-    for name, value, unit in (("radius", radius, "mm"), ("tolerance", tolerance, "mm")):
-        if not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"{name} must be positive, got {value:g} {unit}")
-    if not np.isfinite(angle):
-        raise InputError(f"angle must be finite, got {angle:g} degree")
+    for name, length in (("radius", radius), ("thickness", thickness)):
+        if not isinstance(length, Real) or not 0.0 < length < np.inf:
+            raise InputError(f"{name} must be a length above 0 mm, got {length!r}")
+    for name, number in (("angle", angle), ("ellipticity", ellipticity)):
+        if not isinstance(number, Real) or not np.isfinite(number):
+            raise InputError(f"{name} must be a finite number, got {number!r}")
     if not isinstance(parameters, Material):
         parameters = material(
             "orthotropic", **as_values(parameters, "material", "E1, E2, G12 (MPa) and nu12")

@@ -40,6 +40,7 @@ from bulgefit.model.description import (
     Description,
     Values,
     active_effects,
+    check_needs,
     checked,
     describe,
     gauss_points,
@@ -144,11 +145,13 @@ class VirtualTest:
         Raises
         ------
         InputError
-            Unknown names, or constants that are not admissible.
+            Unknown names, constants that are not admissible, or an effect that needs what the test
+            has not.
         SolveError
         """
         given = self.given(values)
         checked([*given, *names])
+        check_needs(given, self.test)
         here, changes = self._described(given, names)
         constant = all(name in CONSTANTS or c.of_law for name, c in changes.items())
         same = all(

@@ -124,6 +124,8 @@ def source_of(place: Place | Sequence[Place]) -> Source:
         if len(files) == 1:
             return Source(files[0], tuple(files))
         return Source(files[0].parent, tuple(files), picked=True)
+    if not os.fspath(place):
+        raise InputError("the name of a test is empty; give a file or a folder")
     path = Path(place)
     if not os.path.lexists(path):
         matching = sorted(map(Path, glob.glob(str(path))), key=lambda file: natural(file.name))

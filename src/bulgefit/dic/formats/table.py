@@ -167,7 +167,7 @@ class Table:
                 return float(number)
         raise InputError(
             f"{self.path}: line {line}, column {self.header[column]!r}: {reprlib.repr(cell)} is "
-            "not a number; leave the cell empty where the point is lost"
+            "not a number; a cell is empty where a point is lost"
         )
 
 

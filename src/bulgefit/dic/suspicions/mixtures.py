@@ -5,17 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.copies import repeated_frames
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.suspicions.suspicion import Suspicion
 from bulgefit.dic.unmix import recorded_frames
 
 __all__ = ["about_mixtures"]
 
+#: Frames that are named one by one.
+_NAMED = 5
+
 
 def about_mixtures(test: BulgeTest) -> Iterator[Suspicion]:
-    """Frames that are linear mixtures of others."""
-    recorded = independent_frames(test)
-    if recorded < test.n_frames:
+    """Frames that are linear mixtures of others, or one of them at another pressure."""
+    recorded, repeated = independent_frames(test), repeated_frames(test)
+    if repeated:
+        bar = {k: f"{10.0 * test.pressure[k]:.4g} bar" for k in {*repeated, *repeated.values()}}
+        named = [
+            f"{k} (from 0, {bar[k]}) is {first} ({bar[first]})" for k, first in repeated.items()
+        ]
+        more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+        yield Suspicion(
+            "frames_repeated",
+            "frames hold the same data as others at another pressure: frame "
+            f"{', '.join(named[:_NAMED])}{more}",
+            "export the frame that belongs to each pressure, or leave it out",
+        )
+    if recorded < test.n_frames - len(repeated):
         found = recorded_frames(test)
         yield Suspicion(
             "frames_interpolated",

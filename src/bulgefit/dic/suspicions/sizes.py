@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -11,7 +12,7 @@ from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.suspicion import Suspicion
 
-__all__ = ["about_moduli", "about_sizes", "about_thickness", "implied_stiffness"]
+__all__ = ["about_bounds", "about_moduli", "about_sizes", "about_thickness", "implied_stiffness"]
 
 Floats = NDArray[np.float64]
 
@@ -69,6 +70,16 @@ def about_moduli(thickness: float, moduli: Mapping[str, float]) -> Iterator[Susp
             f"{_FABRIC[1]:,.0f})",
             "give moduli in MPa and the thickness in mm",
         )
+
+
+def about_bounds(
+    thickness: float, bounds: Mapping[str, tuple[float, float]]
+) -> Iterator[Suspicion]:
+    """Of a fit: whether some cloth lies between bounds (MPa) of Young's moduli, by name."""
+    middle = math.sqrt(_FABRIC[0] * _FABRIC[1]) / thickness
+    nearest = {name: min(max(middle, low), high) for name, (low, high) in bounds.items()}
+    if nearest:
+        yield from about_moduli(thickness, nearest)
 
 
 def about_thickness(radius: float, thickness: float) -> Iterator[Suspicion]:

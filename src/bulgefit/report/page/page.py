@@ -120,8 +120,12 @@ def _damage_told(where: str, verb: str) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        lacks = f"a value is of another kind: {error}"
+        if isinstance(error, KeyError):
+            lacks = f"it has no {error.args[0]!r}"
         raise InputError(
-            f"{where}: damaged, not as bulgefit {verb} writes it ({type(error).__name__}: {error})"
+            f"{where}: damaged, not as bulgefit {verb} writes it ({lacks}); draw it from the file "
+            "as it was written"
         ) from error
 
 
