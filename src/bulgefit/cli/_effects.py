@@ -148,10 +148,13 @@ def _not_taken(content: dict[str, Any]) -> Iterator[str]:
         return
     from bulgefit.gap.evidence.probability import SURE
 
-    unsure = [c["effect"] for c in content["causes"] if c.get("probability", 1.0) < SURE]
+    chances = {cause["effect"]: cause.get("probability") for cause in content["causes"]}
+    unsure = [name for name, p in chances.items() if isinstance(p, float) and p < SURE]
     if unsure:
-        yield f"not sure are its causes {', '.join(dict.fromkeys(unsure))}; they are taken"
-    if fields := [field["field"] for field in content.get("fields", [])]:
+        yield f"not sure are its causes {', '.join(unsure)}; they are taken"
+    told = content.get("fields")
+    fields = [str(one.get("field")) for one in told if isinstance(one, dict)] if told else []
+    if fields:
         yield (
             f"fields are not taken ({', '.join(dict.fromkeys(fields))}), beside which the moduli "
             "and causes were found: the model is another one"
