@@ -373,9 +373,13 @@ def test_ratios_that_differ(verb, folder, arrays, capsys):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("copy", ["./good.npz", "link.npz", "copy.h5"])
-def test_one_specimen_is_not_two(verb, copy, folder, capsys):
+@pytest.mark.parametrize("copy", ["./good.npz", "link.npz", "copy.h5", "rest.npz"])
+def test_one_specimen_is_not_two(verb, copy, folder, arrays, capsys):
     Path("link.npz").symlink_to("good.npz")
+    # with its reference image beside it
+    moved, pressure = arrays["displacement"], np.append(0.0, arrays["pressure"])
+    moved = np.concatenate([np.zeros_like(moved[:1]), moved])
+    np.savez("rest.npz", **{**arrays, "displacement": moved, "pressure": pressure})
     assert run("convert", "good.npz", "copy.h5", "--quiet") == 0
     message = f"good.npz and {copy.removeprefix('./')}: hold the same data; name each test once"
     refused(capsys, folder, message, verb, "other.npz", "good.npz", copy, *VERBS[verb])

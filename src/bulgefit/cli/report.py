@@ -56,7 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, find the tests, draw."""
     from bulgefit.files import atomic_write_text, check_apart, check_output
-    from bulgefit.report.page.page import page_html, sources_of
 
     if not args.result:
         raise InputError("the name of the JSON is empty; give that of a result")
@@ -66,6 +65,10 @@ def run(args: argparse.Namespace) -> int:
     _check_name(output, "--output")
     check_apart([output], [args.result])
     result = json_of(args.result)
+
+    # only now: it takes seconds
+    from bulgefit.report.page.page import page_html, sources_of
+
     sources = sources_of(result, args.result)
     check_apart([output], [source["source"] for source in sources if source["source"]])
     check_output(output, args.force)

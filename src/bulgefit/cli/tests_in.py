@@ -246,13 +246,15 @@ def files_read(paths: Iterable[str | None]) -> list[Path]:
 def same_data(one: BulgeTest, other: BulgeTest) -> bool:
     """Whether two tests hold the same measurement, whatever their files are called.
 
-    Frames that were written twice do not tell them apart: they are counted once.
+    Frames that were written twice, or the reference image beside them, do not tell them apart: the
+    former are counted once, the latter is no measurement.
     """
     import numpy as np
 
     from bulgefit.dic.copies import without_copies
+    from bulgefit.dic.reference_image import without_reference
 
-    one, other = without_copies(one), without_copies(other)
+    one, other = (without_reference(without_copies(test)) for test in (one, other))
     return (
         np.array_equal(one.pressure, other.pressure)
         and len(one.blocks) == len(other.blocks)
