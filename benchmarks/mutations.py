@@ -671,7 +671,7 @@ MUTANTS = (
     Mutant("fitting/objective.py", "tuple(new or old for", "tuple(old for", FEW),
     Mutant("fitting/scores.py", "[self._size :]", "", FEW),
     Mutant("fitting/uncertainty.py", "max(min(ends), _least(problem.keys[j]))", "min(ends)", FEW),
-    Mutant("fitting/bootstrap.py", 'kind="stable")[ranks]', 'kind="stable")', FEW),
+    Mutant("fitting/bootstrap.py", 'np.argsort(pressure, kind="stable")[ranks]', "ranks", FEW),
     Mutant("model/description.py", "value != parameter_named(", "value == parameter_named(", FEW),
     Mutant("model/inflation.py", "loads <= _CANCELLED *", "loads <= 0.0 *", FEW),
     Mutant("dic/formats/csv_folder.py", "values[:, i] *= factor", "values[:, i] /= factor", TOLD),

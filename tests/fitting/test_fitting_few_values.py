@@ -97,13 +97,14 @@ def test_a_prior_pulls_by_as_much_as_it_says_where_points_lie_far_apart(few, obj
 
 
 def test_runs_of_frames_are_neighbours_in_pressure():
-    pressure = np.array([0.3, 0.1, 0.4, 0.2, 0.5])
-    for seed in range(20):
-        times = _drawn(pressure, 4, np.random.default_rng(seed))
+    pressure = np.array([0.3, 0.1, 0.9, 0.5, 0.2, 0.7, 0.4, 0.8, 0.6])
+    run = np.repeat([1.0, 0.0], [3, 6])
+    runs = [np.roll(run, first) for first in range(9)]
+    drawn = [_drawn(pressure, 3, np.random.default_rng(seed)) for seed in range(20)]
+    for times in drawn:
         ranked = times[np.argsort(pressure)]
-        # one run of four, and one of the next that begins anywhere
-        assert times.sum() == 5
-        assert any((np.roll(ranked, -first)[:4] > 0).all() for first in range(5))
+        assert any((a + b + c == ranked).all() for a in runs for b in runs for c in runs)
+    assert len({tuple(times) for times in drawn}) > 15
 
 
 @pytest.mark.parametrize("of", [np.float32, np.int64, np.array])
