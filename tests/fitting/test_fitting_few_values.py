@@ -149,6 +149,7 @@ def test_options_are_read_alike_however_they_are_given(few):
         (lambda _: simulate(MATERIAL, 0.1, radius="100"), "radius must be a length above 0 mm"),
         (lambda _: simulate(MATERIAL, 0.1, refine=2.0), "refine must be a whole number"),
     ],
+    ids=map(str, range(10)),
 )  # fmt: skip
 def test_what_would_do_nothing_or_end_in_a_traceback_is_refused(few, work, match):
     with pytest.raises(InputError, match=match):
