@@ -23,6 +23,9 @@ from bulgefit.dic.keyed_arrays import need_memory
 from bulgefit.errors import InputError
 
 SPECIMEN = {"radius": 100.0, "thickness": 0.81}
+#: Seconds of a processor after which a reader hangs, however slow the machine, with every allocation
+#: traced. `benchmarks/fuzz.py` holds readers to 5 s as they are.
+HANGS = 60.0
 
 
 def refused(path, match, **options):
@@ -37,7 +40,7 @@ def refused(path, match, **options):
         tracemalloc.stop()
     size = path.stat().st_size if path.is_file() else 0
     assert peak < 4 * size + 200e6
-    assert time.process_time() - began < 5
+    assert time.process_time() - began < HANGS
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 1000
     return str(caught.value)

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     options = _fitting.comparison_options(args, tests)
 
     from bulgefit.fitting.evaluate import evaluate, evaluate_resting
-    from bulgefit.fitting.problem import stated_ratio
+    from bulgefit.fitting.free import stated_ratio
     from bulgefit.model.parameters import check_replaced
 
     if args.undeformed:

@@ -18,11 +18,12 @@ from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.answers import CrossValidation
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import corrected_at_start, polished
+from bulgefit.fitting.free import at_end
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.multistart import best_of, descents, starting_points
 from bulgefit.fitting.objective import LIKELIHOOD, OBJECTIVES, displacement_weight
 from bulgefit.fitting.options import FitOptions, options_from
-from bulgefit.fitting.problem import Problem, bounded
+from bulgefit.fitting.problem import Problem
 from bulgefit.fitting.result import FORMAT, describe_tests
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -157,7 +158,7 @@ def _fold(
     return {
         "left_out": left_out.name,
         "parameters": {**material.values, **{str(key): v for key, v in effects.items()}},
-        "at_bound": [p.name for p in problem.free if bounded(p, last.values[p.name])],
+        "at_bound": [p.name for p in problem.free if at_end(p, last.values[p.name])],
         "training": {"objective": problem.objective.name, "value": last.value},
         "left_out_objectives": {k: judged[k] for k in OBJECTIVES},
         "evaluations": sum(len(d.history) for d in found),

@@ -11,8 +11,8 @@ from bulgefit.dic.given import GivenTests, given_tests
 from bulgefit.effects.parameter import of_specimen
 from bulgefit.errors import SolveError
 from bulgefit.fitting.answers import Evaluation
+from bulgefit.fitting.free import key_among, stated_ratio
 from bulgefit.fitting.objective import OBJECTIVES, Objective, TestParts
-from bulgefit.fitting.problem import key_among, stated_ratio
 from bulgefit.fitting.result import FORMAT, FitResult, describe_tests, versions
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import Material, as_effects, as_material

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
-from bulgefit.effects.registry import effect_named, parameter_named
 from bulgefit.errors import InputError, SolveError
+from bulgefit.fitting.free import (
+    AT_BOUND,
+    at_end,
+    bounded,
+    freed,
+    held_values,
+    stated_ratio,
+    turns,
+    within,
+)
 from bulgefit.fitting.guess import bounds_from, start_box
 from bulgefit.fitting.l1 import Rows
 from bulgefit.fitting.objective import Objective
-from bulgefit.model.description import check_needs, require_needs
+from bulgefit.model.description import check_needs
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import (
     Material,
@@ -32,17 +39,11 @@ __all__ = [
     "Evaluation",
     "Prior",
     "Problem",
-    "bounded",
-    "key_among",
-    "stated_ratio",
 ]
 
 Floats = NDArray[np.floating]
 
 Of = TypeVar("Of")
-
-#: Part of the range between the bounds within which a parameter counts as at its bound.
-AT_BOUND = 1e-3
 
 #: Exponent of what priors raise a sum of absolute deviations by, before numbers end.
 _LARGEST = 600.0
@@ -125,13 +126,13 @@ class Problem:
         implied = {n: b for n, b in bounds_from(tests).items() if n in ours}
         limits = implied | _of_material(given)
         moduli = free_parameters(kind, free, limits)
-        freed = _freed(effects, len(tests), objective)
-        fixed = _known(held or {}, ours, len(tests))
+        beside = freed(effects, tests)
+        fixed = held_values(held or {}, ours, len(tests))
         for i, test in enumerate(tests):
             check_needs(of_specimen(fixed, i), test)
         by_bounds = {Key("", n): ends[0] for n, ends in limits.items() if held_by(ends)}
-        self.keys = (*(Key("", p.name) for p in moduli), *freed)
-        self.free = (*moduli, *(_bounded(key, given) for key in freed))
+        self.keys = (*(Key("", p.name) for p in moduli), *beside)
+        self.free = (*moduli, *(bounded(key, given) for key in beside))
         for key in fixed:
             if key.name in {own.name for own in self.keys}:
                 raise InputError(f"hold: {key} is fitted; hold it or fit it")
@@ -225,7 +226,7 @@ class Problem:
         """Free parameters at coordinates z in [0, 1]."""
         along = self._lower + (self._upper - self._lower) * np.asarray(z)
         return {
-            key: _within(p, float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper)))
+            key: within(p, float(np.clip(p.from_coordinate(float(c)), p.lower, p.upper)))
             for key, p, c in zip(self.keys, self.free, along, strict=True)
         }
 
@@ -237,7 +238,7 @@ class Problem:
         values, found = self.keyed(z), []
         for j, (key, p) in enumerate(zip(self.keys, self.free, strict=True)):
             governor = key._replace(parameter=p.governor or "")
-            if _turns(p) and governor in self.keys:
+            if turns(p) and governor in self.keys:
                 g = self.keys.index(governor)
                 own = self.free[g]
                 near = AT_BOUND * (own.upper - own.lower)
@@ -249,7 +250,7 @@ class Problem:
         """Coordinates with one of `idle` turned by a part of its period, and its governor there."""
         values, p, own = self.keyed(z), self.free[turning], self.keys[governor]
         assert p.period is not None
-        values[self.keys[turning]] = _within(p, values[self.keys[turning]] + turn * p.period)
+        values[self.keys[turning]] = within(p, values[self.keys[turning]] + turn * p.period)
         values[own] = self._start_of(self.free[governor], own)
         return self.coordinates({str(key): value for key, value in values.items()})
 
@@ -260,7 +261,7 @@ class Problem:
     def at_bound(self, z: Floats) -> NDArray[np.bool_]:
         """Which free parameters sit at a bound, (free,)."""
         values = self.values(z)
-        return np.array([bounded(p, values[p.name]) for p in self.free])
+        return np.array([at_end(p, values[p.name]) for p in self.free])
 
     def value_at(self, index: int, coordinate: float) -> float:
         """A free parameter's value at its coordinate, within its bounds or not."""
@@ -435,91 +436,9 @@ class Problem:
         return float(np.clip(start, parameter.lower, parameter.upper))
 
 
-def bounded(parameter: Parameter, value: float) -> bool:
-    """Whether a value sits at a bound, which is no result.
-
-    Where the range begins at the null, that end is no bound: the effect is absent there.
-    """
-    low, high, at = (parameter.to_coordinate(v) for v in (parameter.lower, parameter.upper, value))
-    near = AT_BOUND * (high - low)
-    return bool(high - at <= near or (at - low <= near and not parameter.begins_at_null))
-
-
-def _turns(parameter: Parameter) -> bool:
-    """Whether a parameter may take all values of its period."""
-    return parameter.period is not None and parameter.upper - parameter.lower > parameter.period
-
-
-def _within(parameter: Parameter, value: float) -> float:
-    """A value, as that of its period that is nearest to none."""
-    if not _turns(parameter):
-        return value
-    assert parameter.period is not None
-    return math.remainder(value, parameter.period)
-
-
 def _of_material(values: Mapping[Key, Of]) -> dict[str, Of]:
     """Those of the material, by name."""
     return {key.name: value for key, value in values.items() if not key.effect}
-
-
-def _known(held: Mapping[str, float], ours: set[str], count: int) -> dict[Key, float]:
-    """What is held; InputError where it cannot be."""
-    out = {}
-    for name, value in held.items():
-        if not np.isfinite(value):
-            raise InputError(f"hold: {name} must be finite, got {value:g}")
-        key = key_among(name, count, "hold")
-        if key.effect:
-            parameter_named(key.name).require(value, f"hold: {name}")
-        elif name not in ours:
-            raise InputError(f"hold: {name!r} is no parameter ({', '.join(sorted(ours))})")
-        out[key] = float(value)
-    return out
-
-
-def _freed(names: Iterable[str], count: int, objective: Objective) -> list[Key]:
-    """Keys of the effects that are freed, in their most flexible form."""
-    found: dict[Key, None] = {}
-    for name in names:
-        if "." in name:
-            parameter_named(name)
-            wanted: tuple[str, ...] = (name,)
-        else:
-            wanted = effect_named(name).groups()[-1]
-        effect = effect_named(name.partition(".")[0])
-        if not effect.parameters:
-            raise InputError(
-                f"{effect.id} cannot be fitted: it has a value at every point, which a diagnosis "
-                "looks for"
-            )
-        for test in objective.tests:
-            require_needs(effect, test)
-        if effect.never_separable:
-            raise InputError(
-                f"{effect.id} cannot be fitted: {effect.never_separable}; hold it at a value"
-            )
-        for one in wanted:
-            for i in range(count):
-                found[Key.of(one, None if effect.shared or count == 1 else i)] = None
-    return list(found)
-
-
-def _bounded(key: Key, bounds: Mapping[Key, tuple[float, float]]) -> Parameter:
-    """An effect's parameter under its key's name, within given bounds or its plausible range."""
-    parameter = parameter_named(key.name)
-    of_all = bounds.get(key._replace(specimen=None), (parameter.lower, parameter.upper))
-    low, high = bounds.get(key, of_all)
-    if parameter.period is not None and (low, high) == (parameter.lower, parameter.upper):
-        # a descent goes on past where values begin anew
-        low, high = low - 0.5 * parameter.period, high + 0.5 * parameter.period
-    if not (np.isfinite(low) and np.isfinite(high)) or low >= high:
-        raise InputError(
-            f"bounds of {key} must be finite and ascend, got {low:g}:{high:g}; an effect is held "
-            "by --hold"
-        )
-    parameter.require(low, f"bounds of {key}")
-    return replace(parameter, name=str(key), lower=low, upper=high)
 
 
 def _possible(prior: Prior, key: Key) -> Prior:
@@ -540,36 +459,3 @@ def _start_box(problem: Problem, given: Mapping[Key, tuple[float, float]]) -> tu
         ends.append([(p.to_coordinate(v) - problem._lower[j]) / span for v in box])
     low, high = np.clip(np.array(ends).reshape(-1, 2), 0.0, 1.0).T
     return low, high
-
-
-def key_among(name: str, count: int, where: str) -> Key:
-    """The key of a name that may say of which test among several it is.
-
-    Raises
-    ------
-    InputError
-        There is no such test.
-    """
-    key = Key.read(name)
-    if key.specimen is not None and count == 1:
-        raise InputError(f"{where}: {name} is of one among several tests; write {key.name}")
-    if key.specimen is not None and key.specimen >= count:
-        raise InputError(f"{where}: {name}: there are {count} tests, @0 to @{count - 1}")
-    return key
-
-
-def stated_ratio(tests: Sequence[BulgeTest]) -> float:
-    """Poisson's ratio that the tests state.
-
-    Raises
-    ------
-    InputError
-        They state different ones.
-    """
-    ratios = sorted({test.poisson_ratio for test in tests})
-    if len(ratios) > 1:
-        raise InputError(
-            f"the tests state different Poisson ratios ({', '.join(f'{r:g}' for r in ratios)}); "
-            "say which one holds for all (--nu12, or --nu of an isotropic material)"
-        )
-    return float(ratios[0])

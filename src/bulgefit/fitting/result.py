@@ -15,10 +15,10 @@ from bulgefit.dic.frames import Rows, Tabled
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
 from bulgefit.effects.registry import parameter_named
 from bulgefit.fitting.beliefs import Belief
+from bulgefit.fitting.free import at_end
 from bulgefit.fitting.minimise import Descent
 from bulgefit.fitting.objective import LIKELIHOOD, TestParts
 from bulgefit.fitting.options import FitOptions
-from bulgefit.fitting.problem import bounded
 from bulgefit.fitting.quality import Quality
 from bulgefit.fitting.uncertainty import Uncertainty
 from bulgefit.model.parameters import Material
@@ -128,7 +128,7 @@ class FitResult(Drawn, Tabled):
     def at_bound(self, parameter: Parameter) -> bool:
         """Whether a free parameter ended at one of its bounds."""
         values = {**self.material.values, **self.effects}
-        return bounded(parameter, values[parameter.name])
+        return at_end(parameter, values[parameter.name])
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON types."""
