@@ -23,8 +23,8 @@ from bulgefit.dic.keyed_arrays import need_memory
 from bulgefit.errors import InputError
 
 SPECIMEN = {"radius": 100.0, "thickness": 0.81}
-#: Seconds of a processor after which a reader hangs, however slow the machine, with every allocation
-#: traced. `benchmarks/fuzz.py` holds readers to 5 s as they are.
+#: Seconds of a processor after which a reader hangs, however slow the machine is, and with every
+#: allocation traced. `benchmarks/fuzz.py` holds readers to 5 s as they are.
 HANGS = 60.0
 
 
