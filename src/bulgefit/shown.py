@@ -6,11 +6,11 @@ roof says who draws, and a result passes itself on.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import Any
 
-__all__ = ["Drawn", "after_value", "drawn_by", "number_of", "plain", "with_unit"]
+__all__ = ["Drawn", "after_value", "drawn_by", "number_of", "plain", "some_of", "with_unit"]
 
 #: Who draws results; the roof hangs it here.
 _drawer: list[Callable[..., Any]] = []
@@ -30,6 +30,12 @@ def plain(value: float, digits: int) -> str:
 def number_of(count: int, what: str) -> str:
     """A number of things, in the singular where it is one."""
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def some_of(names: Sequence[str], most: int = 5) -> str:
+    """The first of many names, and how many there are beside them."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def after_value(unit: str) -> str:

@@ -19,7 +19,7 @@ from bulgefit.dic.formats.specimen import SPECIMEN, specimen_of
 from bulgefit.dic.registry import READERS, Reader, Recording, file_checksum
 from bulgefit.dic.units import LENGTH, factor
 from bulgefit.errors import InputError
-from bulgefit.shown import number_of
+from bulgefit.shown import number_of, some_of
 
 __all__ = ["Ask", "Format", "register"]
 
@@ -27,8 +27,6 @@ _OPTIONS = ("pressure", "pressure_column", "pressure_unit", "positions", "length
 _NO_UNIT = "lengths state no unit and are taken as mm; --length-unit gives another"
 _TURNED = "y and z change sign: the file's y runs down the image"
 _DIGITS = re.compile(r"\d+(?:[.,]\d+)?")
-# Files that a note names one by one.
-_NAMED = 5
 _FOR_PRESSURE = {"pressure": "pressure", "pressure_column": "column", "pressure_unit": "unit"}
 
 
@@ -202,9 +200,8 @@ def _left_out(source: Source, own: list[Head], used: Sequence[Path]) -> list[str
             raise InputError(
                 f"{file}: {what}, but is named as the frames are; export it again, or move it out"
             )
-    more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
-    named = ", ".join(file.name for file in others[:_NAMED])
-    return [f"no frames and no logs, left out: {named}{more}"] if others else []
+    named = some_of([file.name for file in others])
+    return [f"no frames and no logs, left out: {named}"] if others else []
 
 
 def _kind_of_positions(

@@ -17,6 +17,7 @@ from bulgefit.dic.formats.names import column
 from bulgefit.dic.formats.source import Head
 from bulgefit.dic.units import LENGTH, PRESSURE, TIME, usual
 from bulgefit.errors import InputError
+from bulgefit.shown import some_of
 
 __all__ = ["BY_NAMES", "Pressures", "is_of_pressure", "pressures_of"]
 
@@ -287,6 +288,4 @@ def _listed(signals: Sequence[Signal]) -> str:
     ordered = sorted(
         signals, key=lambda s: (s.unit in LENGTH or s.unit in TIME, not np.ptp(s.values))
     )
-    names = [repr(signal.name) for signal in ordered]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more or "nothing was recorded"
+    return some_of([repr(signal.name) for signal in ordered], _SHOWN) or "nothing was recorded"

@@ -9,11 +9,9 @@ from bulgefit.dic.copies import repeated_frames
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.suspicions.suspicion import Suspicion
 from bulgefit.dic.unmix import recorded_frames
+from bulgefit.shown import some_of
 
 __all__ = ["about_mixtures"]
-
-#: Frames that are named one by one.
-_NAMED = 5
 
 
 def about_mixtures(test: BulgeTest) -> Iterator[Suspicion]:
@@ -24,11 +22,9 @@ def about_mixtures(test: BulgeTest) -> Iterator[Suspicion]:
         named = [
             f"{k} (from 0, {bar[k]}) is {first} ({bar[first]})" for k, first in repeated.items()
         ]
-        more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
         yield Suspicion(
             "frames_repeated",
-            "frames hold the same data as others at another pressure: frame "
-            f"{', '.join(named[:_NAMED])}{more}",
+            f"frames hold the same data as others at another pressure: frame {some_of(named)}",
             "export the frame that belongs to each pressure, or leave it out",
         )
     if recorded < test.n_frames - len(repeated):
