@@ -79,8 +79,9 @@ def test_a_lift_on_the_other_side_is_found(side):
 
 
 @pytest.mark.parametrize("objective", ["likelihood", "e_w"])
-def test_a_prior_pulls_by_as_much_as_it_says_where_points_lie_far_apart(few, objective):
-    """On 49 points a local surface leaves the dome's own curvature, six times the noise."""
+def test_a_prior_pulls_by_as_much_as_it_says_where_points_lie_far_apart(objective):
+    """On 113 points a local surface leaves the dome's own curvature, twice the noise and alike."""
+    few = made(grid(13), [0.05, 0.12, 0.2, 0.3], 0.02)
     bounds = {"E2": (240.0, 240.0), **SHEAR}
     alone = fit(few, objective, setup=SETUP, starts=1, bounds=bounds)
     value, error = alone.material.values["E1"], alone.uncertainty.stderr["E1"]
@@ -88,11 +89,9 @@ def test_a_prior_pulls_by_as_much_as_it_says_where_points_lie_far_apart(few, obj
     both = fit(few, objective, setup=SETUP, starts=1, bounds=bounds, priors=believed)
     # weighed by one over the variances: 1 and 1/4
     wanted = (value + 0.25 * (value + 6 * error)) / 1.25
-    # a sum of absolute deviations goes by a likelihood that is nearly its own
-    near = 0.3 if objective == "likelihood" else 1.0
-    assert both.material.values["E1"] == pytest.approx(wanted, abs=near * error)
+    assert both.material.values["E1"] == pytest.approx(wanted, abs=0.4 * error)
     if objective == "likelihood":
-        # a half for each value, less one for the modulus; the noise is known to a tenth or so
+        # a half for each value; the noise is known to a tenth or so
         assert alone.value == pytest.approx(0.5 * 3 * few.n_measured, rel=0.25)
 
 

@@ -35,11 +35,7 @@ from bulgefit.model.parameters import (
     parameters_of,
 )
 
-__all__ = [
-    "Evaluation",
-    "Prior",
-    "Problem",
-]
+__all__ = ["Evaluation", "Prior", "Problem"]
 
 Floats = NDArray[np.floating]
 
