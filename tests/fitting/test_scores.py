@@ -143,3 +143,22 @@ def test_noise_is_told_by_what_a_fit_leaves(make: Maker, setup: Setup) -> None:
     alone = noise_of(test)
     assert alone is not None
     assert alone.correlation_length == 0.0
+
+
+def test_some_of_the_points_tell_how_many_of_all_count(
+    make: Maker, setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Among more points within its reach noise that correlates counts for less each."""
+    test = make(frames=FRAMES, points=POINTS)
+    (block,) = test.blocks
+    seen = block.displacement + noise(np.ascontiguousarray(block.reference[:, :2]), 8)
+    test = BulgeTest.from_arrays(block.reference, seen, test.pressure, poisson_ratio=0.24)
+    problem = Problem(Objective([test], "e", setup), bounds=BOUNDS)
+    shapes = problem.shapes(problem.coordinates(TRUTH))
+    (by_all,) = noise_left(problem.objective, shapes)
+    monkeypatch.setattr("bulgefit.fitting.noise_left._MOST", POINTS // 3)
+    (by_some,) = noise_left(problem.objective, shapes)
+    assert by_all is not None
+    assert by_some is not None
+    assert by_all.inflation > 2.0
+    assert by_some.inflation == pytest.approx(by_all.inflation, rel=0.25)

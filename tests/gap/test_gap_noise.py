@@ -170,6 +170,21 @@ def test_some_of_many_points_tell_the_inflation_of_all(
     assert found.inflation == pytest.approx(exact, rel=0.25)
 
 
+def test_what_comes_back_in_every_frame_counts_as_often_among_more_points(
+    grid: Callable[..., np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is independent from point to point: it counts by the frames, however dense they lie."""
+    points, frames = grid(4.6), 20
+    rng = np.random.default_rng(7)
+    fresh, same = (rng.normal(size=(n, len(points), 3)) * SIGMA for n in (frames, 1))
+    test = bulge_test(points, dome(points, frames) + fresh + same)
+    monkeypatch.setattr("bulgefit.dic.noise.MOST_POINTS", len(points) // 4)
+    found = noise_of(test, fresh + same)
+    assert found is not None
+    assert found.persistent == pytest.approx(0.5, abs=0.1)
+    assert found.inflation == pytest.approx(0.5 * frames + 0.5, rel=0.2)
+
+
 def test_what_comes_back_in_every_frame_is_not_averaged_away(points: np.ndarray) -> None:
     """Half the variance is each frame's own, half is that of the points."""
     rng = np.random.default_rng(5)
@@ -303,6 +318,10 @@ def test_noise_of_mixtures_is_that_of_what_was_recorded(
     # of every third point as much, where nothing is correlated in space
     assert data.thinned(3).inflation == pytest.approx(truth, rel=0.15)
     assert data.in_space == pytest.approx(1.0, abs=0.3)
+    # of every second frame what persists comes back half as often
+    some = data.of_frames(np.arange(0, 24, 2))
+    assert some.in_space == pytest.approx(data.in_space)
+    assert some.inflation == pytest.approx(data.inflation - 12 * data.persistent)
 
 
 def test_what_was_interpolated_straight_is_judged_by_what_was_recorded(points: np.ndarray) -> None:

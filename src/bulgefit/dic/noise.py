@@ -15,7 +15,7 @@ from bulgefit.dic.bulge_test import Block, BulgeTest
 from bulgefit.dic.mixtures import independent_frames
 from bulgefit.dic.reference_image import RESOLVED, shows_nothing
 
-__all__ = ["Noise", "Source", "estimate_noise", "noise_of", "outliers", "rough_part"]
+__all__ = ["Noise", "Source", "among", "estimate_noise", "noise_of", "outliers", "rough_part"]
 
 Floats = NDArray[np.float64]
 
@@ -96,8 +96,26 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     found = estimate_noise(
         test.select(points=some), None if residual is None else residual[:, some]
     )
-    # as many points more lie within the reach of the correlation
-    return replace(found, inflation=1.0 + (found.inflation - 1.0) * count / MOST_POINTS)
+    return among(found, count / MOST_POINTS, test.n_frames)
+
+
+def among(noise: Noise, times: float, frames: int) -> Noise:
+    """The noise where as many times more points lie within the reach of its correlation.
+
+    What comes back in every frame is independent of point to point: it counts by the frames.
+
+    Parameters
+    ----------
+    noise : Noise
+        As some of the points show it.
+    times : float
+        All points over those.
+    frames : int
+        Of the test.
+    """
+    anew = 1.0 - noise.persistent
+    beyond = noise.inflation - noise.persistent * frames - anew  # by neighbours, of what is new
+    return replace(noise, inflation=noise.inflation + (times - 1.0) * max(beyond, 0.0))
 
 
 def _of_block(test: BulgeTest, block: Block) -> BulgeTest:

@@ -186,9 +186,9 @@ class Parameter:
         return coordinate
 
     def slope(self, value: float) -> float:
-        """∂(what the model differentiates by)/∂coordinate: its derivatives are by values,
+        """∂(what the model differentiates by)/∂coordinate.
 
-        but by squares where that is the coordinate.
+        Its derivatives are by values, but by squares where the coordinate is one.
         """
         return self.from_origin(value) if self.coordinate == "log" else 1.0
 

@@ -51,8 +51,8 @@ def fit(
     Parameters
     ----------
     tests : BulgeTest, path, or sequence of them
-        Several are fitted together; the objective is their mean. What an effect does to one
-        specimen is each test's own.
+        Several are fitted together; the objective is their mean, of likelihoods their sum. What
+        an effect does to one specimen is each test's own.
     objective : {"e_w", "e", "e_z", "likelihood"}, optional
         See `bulgefit.fitting.objective`.
     options : FitOptions, optional

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bulgefit.dic.noise import Noise, noise_of
+from bulgefit.dic.noise import Noise, among, noise_of
 from bulgefit.errors import InputError
 from bulgefit.fitting.objective import Objective
 from bulgefit.model.inflation import Shapes
@@ -42,4 +42,5 @@ def _of_test(virtual: VirtualTest, shapes: Shapes) -> Noise | None:
         some = test.select(points=mask)
     except InputError:  # nothing was measured at them
         return None
-    return noise_of(some, block.displacement[:, kept] - modelled)
+    noise = noise_of(some, block.displacement[:, kept] - modelled)
+    return noise and among(noise, len(block.reference) / len(kept), test.n_frames)

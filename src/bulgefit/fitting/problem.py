@@ -346,8 +346,9 @@ class Problem:
         """Hessian and slope by the coordinates that the priors add to an objective of this value.
 
         ½ Σ ((v - m)/s)² joins a likelihood as it is. The sum of absolute deviations is, up to a
-        constant, minus the logarithm of a Laplace likelihood of unknown scale: n ln F, n values
-        that count; there the priors add F/n times as much, and all of it is `raised`.
+        constant, minus the logarithm of a Laplace likelihood of unknown scale: n/v ln F of n values
+        that count, v of which count as one (`_inflation`); there the priors add F v/n times as
+        much, and all of it is `raised`.
         """
         hessian, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         weight = self._weight_of_priors(value)
@@ -364,7 +365,7 @@ class Problem:
     def raised(self, z: Floats) -> float:
         """Factor by which the priors raise a sum of absolute deviations and its slope.
 
-        n ln F + ½ q, with q = Σ ((v - m)/s)², falls as F exp(½ q/n) does.
+        n/v ln F + ½ q, with q the sum of their squares, falls as F exp(½ q v/n) does.
         """
         if self.objective.squared or not self.priors:
             return 1.0
@@ -408,7 +409,8 @@ class Problem:
         """What a part of a parameter's standard error changes the objective by at its optimum.
 
         A whole one changes minus the logarithm of a likelihood by a half, and so n ln F of a sum
-        of absolute deviations F over n values.
+        of absolute deviations F over n values. That takes every value as independent: where they
+        correlate it is less than the part that was asked for, and descents go on for longer.
         """
         fall = 0.5 * part**2
         return fall if self.objective.squared else fall * value / self.objective.count

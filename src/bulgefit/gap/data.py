@@ -121,7 +121,7 @@ class Data:
             specimen,
             self.sigma,
             self.used[frames],
-            self.inflation,
+            self.inflation_over(len(frames)),
             self.persistent,
             mixture=self.mixture,
         )
@@ -141,6 +141,10 @@ class Data:
         self.sigma, self.persistent = noise.sigma, noise.persistent
         persists = noise.persistent * len(self.used)
         self.inflation = persists + self.mixture * (noise.inflation - persists)
+
+    def inflation_over(self, frames: int) -> float:
+        """`inflation` of some of the frames: what persists comes back in so many."""
+        return self.persistent * frames + self.mixture * (1.0 - self.persistent) * self.in_space
 
     @property
     def in_space(self) -> float:
