@@ -31,6 +31,7 @@ __all__ = [
     "cloth_law",
     "describe",
     "gauss_points",
+    "load_on",
     "null_values",
     "require_needs",
     "surface_of",
@@ -225,7 +226,7 @@ def describe(
         return beside if changed.isdisjoint(hooks) else None
 
     scale = radius * stretch
-    load = there.load if (there := kept("load")) else _load(recorded, clock, active)
+    load = there.load if (there := kept("load")) else load_on(recorded, clock, active)
     if there := kept("outline", "height"):
         surface = there.fabric.surface
     else:
@@ -248,7 +249,14 @@ def describe(
     )
 
 
-def _load(recorded: Floats, clock: Clock | None, active: Active) -> Load:
+def load_on(recorded: Floats, clock: Clock | None, active: Active) -> Load:
+    """Recorded, true and balanced pressures, and how much stiffness is left at each.
+
+    Raises
+    ------
+    InputError
+        None is left.
+    """
     load = Load(recorded, clock, recorded)
     for effect, own in active:
         load = effect.load(own, load)

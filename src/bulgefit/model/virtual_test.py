@@ -44,6 +44,7 @@ from bulgefit.model.description import (
     checked,
     describe,
     gauss_points,
+    load_on,
     null_values,
     surface_of,
     with_value,
@@ -258,10 +259,8 @@ class VirtualTest:
 
     def load(self, values: Values) -> Load:
         """Recorded, true and balanced pressures."""
-        load = Load(self.recorded, self.clock, self.recorded)
-        for effect, own in active_effects(self.given(values), self.nulls()):
-            load = effect.load(own, load)
-        return load
+        active = active_effects(self.given(values), self.nulls())
+        return load_on(self.recorded, self.clock, active)
 
     def _change(
         self, name: str, values: Values, active: Active, here: Description, slips: bool
