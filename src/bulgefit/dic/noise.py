@@ -96,13 +96,13 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     found = estimate_noise(
         test.select(points=some), None if residual is None else residual[:, some]
     )
-    return among(found, count / MOST_POINTS, test.n_frames)
+    return among(found, count / MOST_POINTS, len(test.blocks[0].displacement))
 
 
 def among(noise: Noise, times: float, frames: int) -> Noise:
-    """The noise where as many times more points lie within the reach of its correlation.
+    """The noise where so many times more points lie within the reach of its correlation.
 
-    What comes back in every frame is independent of point to point: it counts by the frames.
+    What comes back in every frame is independent from point to point: it counts by the frames.
 
     Parameters
     ----------
@@ -111,11 +111,10 @@ def among(noise: Noise, times: float, frames: int) -> Noise:
     times : float
         All points over those.
     frames : int
-        Of the test.
+        By which the persistent share was counted.
     """
-    anew = 1.0 - noise.persistent
-    beyond = noise.inflation - noise.persistent * frames - anew  # by neighbours, of what is new
-    return replace(noise, inflation=noise.inflation + (times - 1.0) * max(beyond, 0.0))
+    alone = noise.persistent * frames + (1.0 - noise.persistent)  # without any neighbours
+    return replace(noise, inflation=alone + times * (noise.inflation - alone))
 
 
 def _of_block(test: BulgeTest, block: Block) -> BulgeTest:

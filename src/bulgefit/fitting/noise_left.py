@@ -43,4 +43,4 @@ def _of_test(virtual: VirtualTest, shapes: Shapes) -> Noise | None:
     except InputError:  # nothing was measured at them
         return None
     noise = noise_of(some, block.displacement[:, kept] - modelled)
-    return noise and among(noise, len(block.reference) / len(kept), test.n_frames)
+    return noise and among(noise, len(block.reference) / len(kept), len(block.displacement))

@@ -345,10 +345,10 @@ class Problem:
     def pull(self, value: float, z: Floats) -> tuple[Floats, Floats]:
         """Hessian and slope by the coordinates that the priors add to an objective of this value.
 
-        ½ Σ ((v - m)/s)² joins a likelihood as it is. The sum of absolute deviations is, up to a
-        constant, minus the logarithm of a Laplace likelihood of unknown scale: n/v ln F of n values
-        that count, v of which count as one (`_inflation`); there the priors add F v/n times as
-        much, and all of it is `raised`.
+        ½ q, with q = Σ ((x - m)/s)² of the values x, joins a likelihood as it is. The sum of
+        absolute deviations is, up to a constant, minus the logarithm of a Laplace likelihood of
+        unknown scale: n/v ln F of n values that count, v of which count as one (`_inflation`);
+        there the priors add F v/n times as much, and all of it is `raised`.
         """
         hessian, slope = np.zeros((self.size, self.size)), np.zeros(self.size)
         weight = self._weight_of_priors(value)
@@ -365,7 +365,7 @@ class Problem:
     def raised(self, z: Floats) -> float:
         """Factor by which the priors raise a sum of absolute deviations and its slope.
 
-        n/v ln F + ½ q, with q the sum of their squares, falls as F exp(½ q v/n) does.
+        n/v ln F + ½ q falls as F exp(½ q v/n) does; q, n and v as in `pull`.
         """
         if self.objective.squared or not self.priors:
             return 1.0

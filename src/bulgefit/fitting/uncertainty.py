@@ -9,8 +9,8 @@ its covariance is A⁻¹ B A⁻¹ with B that of the sum (Huber, 1967, the sandw
   pressure and place. It is the expectation of the bootstrap over them.
 
 A prior is one more datum: a mean m that was drawn about the truth with a deviation s. It adds
-w ½ ((v - m)/s)² to the objective, w = 1 in a likelihood and F v/n in a sum of absolute deviations
-(`Problem.pull`), so that A gains H = w/s², and B the variance of the score w (v - m)/s², which is
+w ½ ((x - m)/s)² to the objective, w = 1 in a likelihood and F v/n in a sum of absolute deviations
+(`Problem.pull`), so that A gains H = w/s², and B the variance of the score w (x - m)/s², which is
 w²/s² = w H. Of normal data and a prior, where w = 1 and B = A, A⁻¹ B A⁻¹ = 1/(1/σ² + 1/s²) is the
 posterior's variance; where the prior outweighs the data it tends to w H/H² = s², where they
 outweigh it to what they say alone.
