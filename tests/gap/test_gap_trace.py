@@ -18,6 +18,7 @@ from bulgefit.gap.evidence.outcome import Seen, regression_of
 from bulgefit.gap.evidence.problem import Layout, freeze
 from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.regress import Regression, regress
+from bulgefit.gap.residual import structure as regional
 from bulgefit.gap.residual.structure import structure
 
 TRUTH = {"E1": 340.0, "E2": 210.0, "G12": 20.0}
@@ -85,6 +86,32 @@ def test_a_frame_that_is_doubted_is_no_trace(scene: Scene) -> None:
     assert not found.significant
     largest = max(abs(cell.mean) for cell in found.cells)
     assert largest == pytest.approx(max(abs(c.mean) for c in structure([data], wild).cells))
+
+
+def test_noise_that_persists_scatters_as_its_cells_are_told_to(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of it the same in every frame: bands share that, and their means have it undivided."""
+    monkeypatch.setattr(regional, "MODEL_FLOOR", 0.0)
+    (data,), (p,) = scene.data, scene.fit.predictions
+    rng, shape = np.random.default_rng(5), data.used.shape
+    persists = replace(data, inflation=0.5 * shape[0] + 0.5, persistent=0.5)
+    statistics, significances = [], []
+    for _ in range(40):
+        noise = np.sqrt(0.5) * (rng.normal(size=shape) + rng.normal(size=(1, *shape[1:])))
+        noise[rng.random(shape) < 0.2] = np.nan
+        found = structure([persists], Seen((), [replace(p, displacement=data_of(data, noise))]))
+        statistics.append(found.statistic / len(found.cells))
+        significances += [cell.significance for cell in found.cells]
+    expected = np.sqrt(2.0 / len(found.cells) / len(statistics))
+    assert np.mean(statistics) == pytest.approx(1.0, abs=4 * expected)
+    # 3 of 4 bands' worth of what persists is the same: at least a quarter of them are independent
+    assert np.var(significances) == pytest.approx(1.0, abs=4 * np.sqrt(8.0 / len(significances)))
+
+
+def data_of(data: Data, residual: np.ndarray) -> np.ndarray:
+    """What a model shows that leaves this residual, in noise units; NaN where nothing was seen."""
+    return np.asarray(data.specimen.measured - residual * data.sigma)
 
 
 def test_beside_offsets_of_points_all_that_persists_is_a_trace(scene: Scene) -> None:

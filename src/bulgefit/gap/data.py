@@ -147,10 +147,22 @@ class Data:
         return self.persistent * frames + self.mixture * (1.0 - self.persistent) * self.in_space
 
     @property
+    def drawn_anew(self) -> float:
+        """`inflation` by what does not persist."""
+        return self.inflation - self.persistent * len(self.used)
+
+    @property
     def in_space(self) -> float:
         """`inflation` by what is correlated in space, of the noise that each frame has anew."""
-        anew, persists = 1.0 - self.persistent, self.persistent * len(self.used)
-        return (self.inflation - persists) / (anew * self.mixture) if anew > 0.0 else 1.0
+        anew = 1.0 - self.persistent
+        return self.drawn_anew / (anew * self.mixture) if anew > 0.0 else 1.0
+
+    def along(self, courses: Floats) -> Floats:
+        """Variance of noise in modes over place times unit courses (frames, m) over frames: (m,).
+
+        What persists has the course of a constant, and none of those that are orthogonal to it.
+        """
+        return np.asarray(self.persistent * courses.sum(axis=0) ** 2 + self.drawn_anew)
 
     @property
     def in_a_frame(self) -> float:
