@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from bulgefit.dic import BulgeTest, write_test
 from bulgefit.dic.copies import copied_frames, repeated_frames, without_copies
 from bulgefit.dic.given import given_tests
 from bulgefit.dic.suspicions import suspicions
+from bulgefit.errors import InputError
 
 
 def of(made: SimpleNamespace, frames: list[int]) -> BulgeTest:
@@ -36,6 +38,15 @@ def test_copies_are_told_by_their_first_frame_and_counted_once(made: SimpleNames
     (said,) = [one for one in suspicions(twice) if one.code == "frames_copied"]
     assert "3 of 2, 4 of 2, 8 of 7; they are counted once" in said.text
     assert told(twice) - {"frames_copied"} == told(plain)
+
+
+def test_a_test_that_is_given_twice_is_refused(made: SimpleNamespace) -> None:
+    """It would count as two specimens; under another name, and with a frame written twice, too."""
+    one = of(made, [0, 1, 2, 3, 4, 5])
+    again = replace(of(made, [0, 1, 2, 2, 3, 4, 5]), name="again")
+    with pytest.raises(InputError, match=r"^test and again: hold the same data; name each test"):
+        given_tests([one, of(made, [0, 1, 2, 3, 4]), again])
+    assert len(given_tests([one, of(made, [0, 1, 2, 3, 4])])) == 2
 
 
 def test_a_frame_that_differs_by_a_bit_or_in_pressure_is_none(made: SimpleNamespace) -> None:

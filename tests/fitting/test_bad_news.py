@@ -253,7 +253,7 @@ def test_a_flat_objective(frames: int) -> None:
 def test_a_bound_that_keeps_the_truth_out(good: BulgeTest) -> None:
     result = fit(good, bounds={"E1": (50.0, 300.0)}, starts=1, setup=QUICK)
     assert result.report().splitlines()[0] == (
-        "WARNING: E1 = 300 is the bound that it was given, and no result: widen "
+        "WARNING: E1 = 300 is the bound of the search, and no result: widen "
         "--bounds E1=50:300, or hold it"
     )
 

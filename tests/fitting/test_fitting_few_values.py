@@ -134,6 +134,11 @@ def test_options_are_read_alike_however_they_are_given(few):
         fit(few, priors={"E1": Prior("330", 1)})
 
 
+def parts(test: BulgeTest) -> list[BulgeTest]:
+    """Two of which neither is the other."""
+    return [test.select(frames=range(count)) for count in (2, 3)]
+
+
 @pytest.mark.parametrize(
     ("work", "match"),
     [
@@ -141,14 +146,15 @@ def test_options_are_read_alike_however_they_are_given(few):
         (lambda test: predict(test, MATERIAL, effects={"creep.rate": 0.1}), "creep needs the time"),
         (lambda _: simulate(MATERIAL, 0.1, effects={"creep.rate": 0.1}), "creep needs the time"),
         (lambda test: diagnose(test, held={"creep.rate": 0.1}), "creep needs the time"),
-        (lambda test: diagnose(test, holdout=[test, test]), "holdout: give one test"),
+        (lambda test: diagnose(test, holdout=parts(test)), "holdout: give one test"),
+        (lambda test: diagnose(test, holdout=test), "test and test: hold the same data"),
         (lambda test: diagnose(test, holdout=[]), "holdout: give one test"),
         (lambda _: Setup(tolerance=-1), "tolerance must be a length above 0 mm"),
         (lambda _: Setup(refine=2.0), "refine must be a whole number"),
         (lambda _: simulate(MATERIAL, 0.1, radius="100"), "radius must be a length above 0 mm"),
         (lambda _: simulate(MATERIAL, 0.1, refine=2.0), "refine must be a whole number"),
     ],
-    ids=map(str, range(10)),
+    ids=map(str, range(11)),
 )  # fmt: skip
 def test_what_would_do_nothing_or_end_in_a_traceback_is_refused(few, work, match):
     with pytest.raises(InputError, match=match):

@@ -303,7 +303,7 @@ def test_a_parameter_at_its_bound_is_flagged(make: Maker, setup: Setup) -> None:
     }
     assert found["nu"] == {"value": 0.24, "unit": "1", "at_bound": False, "free": False}
     assert "AT BOUND 100..200: no result; widen --bounds E=..." in result.report()
-    assert result.report().startswith("WARNING: E = 200 is the bound that it was given")
+    assert result.report().startswith("WARNING: E = 200 is the bound of the search")
 
 
 @pytest.mark.parametrize("method", ["gauss-newton", "L-BFGS-B", "Nelder-Mead"])
@@ -373,7 +373,7 @@ def test_a_warp_that_was_mounted_elsewhere_is_told_and_fitted(make: Maker, setup
 def test_crossval_fits_the_others_and_judges_the_one_left_out(make: Maker, setup: Setup) -> None:
     stiff = material("isotropic", E=300, nu=0.24)
     soft = material("isotropic", E=200, nu=0.24)
-    tests = [make(stiff, name="a"), make(stiff, name="b"), make(soft, name="c")]
+    tests = [make(stiff, name="a"), make(stiff, name="b", noise=1e-9), make(soft, name="c")]
     found = crossval(tests, "e", material="isotropic", starts=1, setup=setup)
     assert [fold["left_out"] for fold in found["folds"]] == ["a", "b", "c"]
     moduli = [fold["parameters"]["E"] for fold in found["folds"]]
@@ -427,7 +427,8 @@ def test_crossval_goes_on_where_the_test_left_out_has_no_equilibrium(
         return evaluate(test, *rest, **more)
 
     monkeypatch.setattr("bulgefit.fitting.crossval.evaluate", fails_on_b)
-    tests = [make(material("isotropic", E=300, nu=0.24), name=name) for name in "ab"]
+    cloth = material("isotropic", E=300, nu=0.24)
+    tests = [make(cloth, name="a"), make(cloth, name="b", noise=1e-9)]
     found = crossval(tests, "e", material="isotropic", starts=1, setup=setup)
     kept, lost = (fold["left_out_objectives"] for fold in found["folds"])
     assert lost == {"e": None, "e_w": None, "e_z": None}

@@ -59,6 +59,23 @@ def test_structure_is_the_share_that_is_no_noise(make: Maker, setup: Setup) -> N
     assert found.structured_share == pytest.approx(structure / (1 + structure), abs=0.05)
 
 
+def test_a_test_of_unknown_noise_does_not_hide_what_the_others_show(
+    make: Maker, setup: Setup
+) -> None:
+    """Sixteen points tell none; the misfit of the other, and what its model lacks, is told."""
+    test = make(noise=NOISE, frames=10, points=300)
+    seen = np.array(test.blocks[0].displacement)
+    seen[..., 2] += 0.3 * test.blocks[0].reference[:, 0] / 95.0
+    bent, few = changed(test, seen), make(noise=NOISE, frames=10, points=16, seed=1, name="few")
+    options = {"bounds": BOUNDS, "starts": 1, "setup": setup}
+    alone, found = (fit(tests, **options).quality for tests in (bent, [bent, few]))
+    assert found.misfit_over_noise == pytest.approx(alone.misfit_over_noise, rel=0.05)
+    assert found.noise_mm == pytest.approx(alone.noise_mm, rel=0.05)
+    codes = [warned.code for warned in found.warnings]
+    assert codes == ["model_lacks", "noise_unknown"]
+    assert found.warnings[1].text.startswith("the noise of few is not known")
+
+
 def test_worse_than_a_model_that_does_not_deform(make: Maker, setup: Setup) -> None:
     """The z axis points into the specimen: no modulus bulges the other way."""
     test = make(noise=NOISE, frames=10)
@@ -116,7 +133,7 @@ def test_every_doubt_can_be_said() -> None:
     assert [one.code for one in said] == [
         "at_bound", "worse_than_undeformed", "explains_little", "model_lacks", "other_optimum",
         "undetermined", "no_start_converged", "starts_disagree",
-        "too_few_points", "inseparable", "prior_conflict", "mesh_error_unknown",
+        "too_few_points", "inseparable", "prior_conflict", "noise_unknown", "mesh_error_unknown",
         "mesh_remainder_unknown", "mesh_error_large", "stated_unknown",
     ]  # fmt: skip
 

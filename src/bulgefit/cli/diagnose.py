@@ -16,7 +16,7 @@ from bulgefit.cli._effects import (
     priors_from,
 )
 from bulgefit.cli.report import check_page, is_page, page_of
-from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument, same_data
+from bulgefit.cli.tests_in import add_reader_arguments, add_tests_argument
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
@@ -188,6 +188,8 @@ def _holdout(args: argparse.Namespace, tests: list[BulgeTest]) -> BulgeTest | No
     """The test of --holdout, read and cut as the others."""
     if args.holdout is None:
         return None
+    from bulgefit.dic.copies import same_data
+
     (kept,) = _fitting.read_tests(argparse.Namespace(**{**vars(args), "tests": [args.holdout]}))
     for test in tests:
         if same_data(kept, test):

@@ -21,7 +21,6 @@ __all__ = [
     "files_read",
     "reader_options",
     "reading_of",
-    "same_data",
     "tests_from",
     "warn_of_alarms",
 ]
@@ -195,24 +194,16 @@ def tests_from(args: argparse.Namespace) -> list[BulgeTest]:
     Raises
     ------
     InputError
-        One cannot be read, or two hold the same data: a test that counted twice would be taken
-        for two specimens.
+        One cannot be read, or two hold the same data.
     """
-    from itertools import combinations
-
     from bulgefit.dic import read_test
-    from bulgefit.dic.given import distinctly_named
+    from bulgefit.dic.given import distinctly_named, each_once
 
     options = reader_options(args)
     tests = distinctly_named([read_test(path, **options) for path in args.tests])
     for test in tests:
         warn_of_alarms(args, test)
-    for one, other in combinations(tests, 2):
-        if same_data(one, other):
-            raise InputError(
-                f"{one.source} and {other.source}: hold the same data; name each test once"
-            )
-    return tests
+    return each_once(tests)
 
 
 def warn_of_alarms(args: argparse.Namespace, test: BulgeTest) -> None:
@@ -241,28 +232,6 @@ def files_read(paths: Iterable[str | None]) -> list[Path]:
             found += [p for p in path.iterdir() if p.suffix not in (".json", ".png")]
             found.append(path / "test.json")
     return found
-
-
-def same_data(one: BulgeTest, other: BulgeTest) -> bool:
-    """Whether two tests hold the same measurement, whatever their files are called.
-
-    Frames that were written twice, or the reference image beside them, do not tell them apart: the
-    former are counted once, the latter is no measurement.
-    """
-    import numpy as np
-
-    from bulgefit.dic.copies import without_copies
-    from bulgefit.dic.reference_image import without_reference
-
-    one, other = (without_reference(without_copies(test)) for test in (one, other))
-    return (
-        np.array_equal(one.pressure, other.pressure)
-        and len(one.blocks) == len(other.blocks)
-        and all(
-            np.array_equal(mine.displacement, theirs.displacement, equal_nan=True)
-            for mine, theirs in zip(one.blocks, other.blocks, strict=True)
-        )
-    )
 
 
 def _columns(text: str) -> dict[str, str]:

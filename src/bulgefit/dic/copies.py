@@ -1,4 +1,4 @@
-"""Which frames were written twice? Noise is never the same twice: a copy tells nothing more."""
+"""What was written twice, frames or tests? Noise is never the same twice: a copy tells nothing."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Hashable, Iterable
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.reference_image import shows_nothing
+from bulgefit.dic.reference_image import shows_nothing, without_reference
 
-__all__ = ["copied_frames", "repeated_frames", "without_copies"]
+__all__ = ["copied_frames", "repeated_frames", "same_data", "without_copies"]
 
 
 def copied_frames(test: BulgeTest) -> dict[int, int]:
@@ -47,6 +47,23 @@ def without_copies(test: BulgeTest) -> BulgeTest:
     if not copies:
         return test
     return test.select(frames=[k for k in range(test.n_frames) if k not in copies])
+
+
+def same_data(one: BulgeTest, other: BulgeTest) -> bool:
+    """Whether two tests hold the same measurement, whatever their files are called.
+
+    Frames that were written twice, or the reference image beside them, do not tell them apart: the
+    former are counted once, the latter is no measurement.
+    """
+    one, other = (without_reference(without_copies(test)) for test in (one, other))
+    return (
+        np.array_equal(one.pressure, other.pressure)
+        and len(one.blocks) == len(other.blocks)
+        and all(
+            np.array_equal(mine.displacement, theirs.displacement, equal_nan=True)
+            for mine, theirs in zip(one.blocks, other.blocks, strict=True)
+        )
+    )
 
 
 def _of_one_pressure(test: BulgeTest) -> list[int]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.copies import without_copies
+from bulgefit.dic.copies import same_data, without_copies
 from bulgefit.dic.readers import read_test
 from bulgefit.dic.reference_image import without_reference
 from bulgefit.errors import InputError, kind_of
 
-__all__ = ["GivenTest", "GivenTests", "distinctly_named", "given_test", "given_tests"]
+__all__ = ["GivenTest", "GivenTests", "distinctly_named", "each_once", "given_test", "given_tests"]
 
 GivenTest = BulgeTest | str | os.PathLike[str]
 GivenTests = GivenTest | Sequence[GivenTest]
@@ -55,11 +56,29 @@ def given_tests(tests: Any) -> list[BulgeTest]:
     Raises
     ------
     InputError
-        As of `given_test`.
+        As of `given_test`, and of `each_once`.
     """
     if isinstance(tests, (BulgeTest, str, os.PathLike)) or not isinstance(tests, Iterable):
         tests = [tests]
-    return distinctly_named([without_reference(without_copies(given_test(test))) for test in tests])
+    found = [without_reference(without_copies(given_test(test))) for test in tests]
+    return each_once(distinctly_named(found))
+
+
+def each_once(tests: list[BulgeTest]) -> list[BulgeTest]:
+    """The tests, of which no two hold the same data.
+
+    One that counted twice would be taken for two specimens: errors come out too small.
+
+    Raises
+    ------
+    InputError
+        Two do.
+    """
+    for one, other in combinations(tests, 2):
+        if same_data(one, other):
+            both = f"{one.source or one.name} and {other.source or other.name}"
+            raise InputError(f"{both}: hold the same data; name each test once")
+    return tests
 
 
 def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:

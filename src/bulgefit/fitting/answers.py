@@ -84,7 +84,7 @@ class CrossValidation(Drawn, Tabled, dict[str, Any]):
         lines += self._at_bounds()
         mean, spread = self["mean"], self["standard_deviation"]
         lines.append(
-            f"{self['objective']} left out: "
+            f"{self['judged_by']} left out: "
             + ("not measured" if mean is None else f"mean {mean:.4g} mm")
             + ("" if spread is None else f", standard deviation {spread:.4g} mm")
         )

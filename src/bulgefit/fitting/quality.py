@@ -46,7 +46,7 @@ class Doubt(Enum):
     """What makes a fit doubtful, in words; its code is the name in small letters."""
 
     AT_BOUND = (
-        "{name} = {value:.4g} is the bound that it was given, and no result: widen "
+        "{name} = {value:.4g} is the bound of the search, and no result: widen "
         "--bounds {name}={lower:.4g}:{upper:.4g}, or hold it"
     )
     WORSE_THAN_UNDEFORMED = (
@@ -82,6 +82,11 @@ class Doubt(Enum):
         "{name}: the prior, {mean:.6g} ± {deviation:.3g}, and what is found without it, "
         "{alone:.6g} ± {stderr:.3g}, are {apart:.3g} combined standard errors apart: one of them "
         "is wrong; look at the prior and its unit, and at the test, and leave out what is wrong"
+    )
+    NOISE_UNKNOWN = (
+        "the noise of {names} is not known: too few points show all of dx, dy and dz at once; "
+        "whether the model lacks something there is not judged: give more points, or fit them "
+        "beside a test that has them"
     )
     MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
     MESH_REMAINDER_UNKNOWN = (
@@ -122,8 +127,8 @@ class Quality:
     Attributes
     ----------
     misfit_over_noise : float or None
-        Root mean square residual over the noise, 1 where noise alone is left; None where too
-        little was measured to tell the noise.
+        Root mean square residual over the noise, 1 where noise alone is left, of the tests whose
+        noise is known; None where too little was measured to tell that of any.
     explained_share : float
         Of the objective of a model that does not deform, how much the fit takes off.
     structured_share : float or None
@@ -131,7 +136,7 @@ class Quality:
     mesh_error_mm : list of three floats, or None
         What is left of the mesh's error in dx, dy, dz; None where it is not known.
     noise_mm : list of three floats or None
-        Of dx, dy, dz.
+        Of dx, dy, dz: the least of all tests whose noise is known.
     agreeing, starts : int
         Starts that ended at the optimum, and all.
     identifiability : dict of name to str
@@ -196,17 +201,15 @@ def quality_of(
 ) -> Quality:
     """Judge a fit at its optimum; `left` is the noise of each test there."""
     objective = problem.objective
-    # None where too few values tell the noise of one
-    known = [noise for noise in left if noise is not None]
-    noises = known if len(known) == len(left) else None
-    misfit = _misfit(objective, shapes, noises)
+    misfit = _misfit(objective, shapes, left)
     structured = None if misfit is None else float(max(0.0, 1.0 - 1.0 / max(misfit, 1e-9) ** 2))
     worst = objective.value(None)
     explained = 1.0 - value / worst if worst > 0.0 else 0.0
     equal = of_equal_worth(descents)
     others = elsewhere(problem, z, equal, errors.stderr)
     agreeing = len(equal) - len(others)
-    noise = None if noises is None else np.min([noise.sigma for noise in noises], axis=0).tolist()
+    known = [noise.sigma for noise in left if noise is not None]
+    noise = np.min(known, axis=0).tolist() if known else None
     values = problem.values(z)
     words = {p.name: _words(p, values[p.name], errors.stderr[p.name]) for p in problem.free}
     return Quality(
@@ -234,19 +237,21 @@ def quality_of(
             *_about_errors(problem, bounded, errors, words),
             *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
+            *_about_noise(objective, left),
             *_about_mesh(problem, shapes, errors, noise),
         ],
     )
 
 
 def _misfit(
-    objective: Objective, shapes: Sequence[Shapes], noises: Sequence[Noise] | None
+    objective: Objective, shapes: Sequence[Shapes], noises: Sequence[Noise | None]
 ) -> float | None:
-    if noises is None:
-        return None
+    """Root mean square residual over the noise, of the tests whose noise is known."""
     total, count = 0.0, 0
     for look in objective.looks(shapes, sampled=True):
-        units = look.residual / noises[look.test].sigma
+        if (noise := noises[look.test]) is None:
+            continue
+        units = look.residual / noise.sigma
         total += float(np.nansum(units**2))
         count += int(np.isfinite(units).sum())
     return float(np.sqrt(total / count)) if count else None
@@ -298,6 +303,13 @@ def _about_structure(structured: float | None, explained: float) -> Iterator[War
     """Whether more of what is left is structure than noise; where the fit is one at all."""
     if structured is not None and structured > _MOSTLY and explained >= _LEAST_EXPLAINED:
         yield Doubt.MODEL_LACKS.of(share=plain(100 * structured, 3))
+
+
+def _about_noise(objective: Objective, left: Sequence[Noise | None]) -> Iterator[Warned]:
+    """Which tests cannot be judged by their noise."""
+    unknown = [test.name for test, n in zip(objective.tests, left, strict=True) if n is None]
+    if unknown:
+        yield Doubt.NOISE_UNKNOWN.of(names=" and ".join(unknown))
 
 
 def _about_errors(
