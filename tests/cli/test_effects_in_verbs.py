@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bulgefit.cli.main import main
+from bulgefit.dic import read_test, write_test
 
 #: E1 352.1, E2 181.4, G12 12.4 MPa, and a clamp that slips by 0.0321 mm per N/mm.
 SLIP = str(Path(__file__).resolve().parents[2] / "data" / "example_slip.npz")
@@ -90,6 +91,37 @@ def test_evaluate_and_from_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFix
         capsys, "evaluate", SLIP, "--from", str(gap), "--hold", "clamp_slip.compliance=0.01"
     )
     assert other["effects"] == {"clamp_slip.compliance": 0.01}
+
+
+def test_what_is_each_tests_own_is_met_by_the_test_not_by_its_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy, gap = tmp_path / "other.npz", tmp_path / "gap.json"
+    write_test(read_test(SLIP).select(frames=range(8)), copy)
+    causes = [
+        {"effect": "clamp_slip", "parameters": {f"compliance@{place}": {"value": value}}}
+        for place, value in enumerate((0.0321, 0.01))
+    ]
+    found = {"causes": causes, "parameters": {"corrected": FOUND}, "report": {}}
+
+    def taken(tests: list[Any], *files: Any) -> Any:
+        gap.write_text(json.dumps(found | {"report": {"tests": tests}}))
+        words = ["evaluate", *map(str, files), "--from", str(gap)]
+        return told(capsys, *words)["effects"]
+
+    sources = [{"name": t.name, "sha256": t.checksum} for t in map(read_test, (SLIP, copy))]
+    by_order = {"clamp_slip.compliance@0": 0.0321, "clamp_slip.compliance@1": 0.01}
+    assert taken(sources, SLIP, copy) == by_order
+    assert taken(sources, copy, SLIP) == dict(zip(by_order, [0.01, 0.0321], strict=True))
+    assert taken(sources, copy) == {"clamp_slip.compliance": 0.01}
+    # written anew it is known by its name
+    renewed = [{**source, "sha256": "0"} for source in sources]
+    assert taken(renewed, copy, SLIP) == dict(zip(by_order, [0.01, 0.0321], strict=True))
+    renewed[0]["name"] = "third"
+    gap.write_text(json.dumps(found | {"report": {"tests": renewed}}))
+    assert main(["evaluate", SLIP, str(copy), "--from", str(gap)]) == 2
+    said = capsys.readouterr().err
+    assert "which of its tests (third, other) is example_slip? It tells values" in said
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from bulgefit.cli.json_in import json_of, value_of
 from bulgefit.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from bulgefit.dic import BulgeTest
     from bulgefit.fitting.problem import Prior
 
 __all__ = [
@@ -125,13 +126,14 @@ def _number(text: str, option: str, name: str) -> float:
     return value
 
 
-def held_from(args: argparse.Namespace, tests: int = 1) -> dict[str, float]:
+def held_from(args: argparse.Namespace, tests: Sequence[BulgeTest] = ()) -> dict[str, float]:
     """Values of effects' parameters that --from and --hold set; --hold goes before.
 
     Parameters
     ----------
-    tests : int
-        Number of tests: `effect.parameter@i` of a diagnosis is test i's own.
+    tests : sequence of BulgeTest
+        Of several, `effect.parameter@i` of --hold is test i's own, in their order; of a file the
+        same test's, wherever it stands.
     """
     held: dict[str, float] = {}
     if args.from_file is not None:
@@ -227,8 +229,8 @@ def _told_effects(content: dict[str, Any]) -> dict[str, Any]:
     return told | {name: {"value": value} for name, value in content.get("held", {}).items()}
 
 
-def _found_effects(path: Path, tests: int) -> dict[str, float]:
-    """Values of effects' parameters that the file tells."""
+def _found_effects(path: Path, tests: Sequence[BulgeTest]) -> dict[str, float]:
+    """Values of effects' parameters that the file tells, of several tests by their order here."""
     from bulgefit.effects.parameter import Key
     from bulgefit.effects.registry import catalogue, parameter_named
 
@@ -238,6 +240,7 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
         told = _told_effects(content)
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         raise InputError(f"--from {path}: {_lacks(error, 'its causes are')}") from error
+    places: dict[int, int] | None = None
     for name, found in told.items():
         key = Key.read(name)
         if key.name not in known:
@@ -245,12 +248,43 @@ def _found_effects(path: Path, tests: int) -> dict[str, float]:
                 f"--from {path}: {key.name} is no parameter that a model can be given (an offset "
                 "of every point, say); leave it out and hold the others with --hold"
             )
-        if key.specimen is not None and tests == 1:
-            raise InputError(
-                f"--from {path}: it is about several tests; give them all, or --hold the values"
-            )
-        held[name] = value_of(found, name, parameter_named(key.name).unit, f"--from {path}")
+        if key.specimen is not None:
+            places = _places(path, content, tests) if places is None else places
+            if key.specimen not in places:
+                continue  # of a test that is not looked at here
+            key = key._replace(specimen=places[key.specimen] if len(tests) > 1 else None)
+        held[str(key)] = value_of(found, name, parameter_named(key.name).unit, f"--from {path}")
     return held
+
+
+def _places(path: Path, content: dict[str, Any], tests: Sequence[BulgeTest]) -> dict[int, int]:
+    """Where each test that a file is about stands among those that are given.
+
+    By what they hold, or, where that was written anew, by their names: values that are one test's
+    own are wrong of every other. A file that names none is taken to mean them in their order.
+    """
+    told = content.get("sources", (content.get("report") or {}).get("tests"))
+    if not told and len(tests) > 1:
+        return {i: i for i in range(len(tests))}
+    if not tests or not told:
+        raise InputError(
+            f"--from {path}: it is about several tests; give them all, or --hold the values"
+        )
+    try:
+        sums, names = ([str(one[key]) for one in told] for key in ("sha256", "name"))
+    except (TypeError, KeyError) as error:
+        raise InputError(f"--from {path}: {_lacks(error, 'its tests are')}") from error
+    places = {}
+    for place, test in enumerate(tests):
+        by_sum = [i for i, found in enumerate(sums) if found and found == test.checksum]
+        found = by_sum or [i for i, name in enumerate(names) if name == test.name]
+        if len(found) != 1 or found[0] in places:
+            raise InputError(
+                f"--from {path}: which of its tests ({', '.join(names)}) is {test.name}? It tells "
+                "values that are each test's own; give those tests, or --hold the values"
+            )
+        places[found[0]] = place
+    return places
 
 
 def _lacks(error: Exception, what: str) -> str:

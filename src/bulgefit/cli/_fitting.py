@@ -201,7 +201,7 @@ def comparison_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> 
     return {"weight": _weight(args.weight), "average": args.average, "setup": _setup(args, tests)}
 
 
-def search_options(args: argparse.Namespace) -> dict[str, Any]:
+def search_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> dict[str, Any]:
     """Keyword arguments of `fit` that the options stand for."""
     from bulgefit.fitting.minimise import Limits
 
@@ -212,7 +212,7 @@ def search_options(args: argparse.Namespace) -> dict[str, Any]:
     if args.seed < 0:
         raise InputError(f"--seed {args.seed}: give 0 or more")
     free = [name for name in args.free.split(",") if name]
-    held = {**_held(args, free), **held_from(args, len(args.tests))}
+    held = {**_held(args, free), **held_from(args, tests)}
     return {
         "material": args.material,
         "free": free,

@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     tests = _fitting.read_tests(args)
     if len(tests) < 2:
         raise InputError("a batch needs two tests or more; bulgefit fit fits one")
-    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args, tests)}
 
     from bulgefit.fitting.batch import batch_of
     from bulgefit.fitting.objective import displacement_weight

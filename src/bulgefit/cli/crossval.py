@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(
             f"cross-validation needs two tests or more, got {len(tests)}; bulgefit fit fits one"
         )
-    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args, tests)}
     chosen = _fitting.check_search(args, options, [tests])
 
     from bulgefit.effects.registry import effect_named

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         ratio = tests[0].poisson_ratio if given else stated_ratio(tests)
         ratios = given_ratios(args)
         take_found_moduli(args)
-        held = held_from(args, len(tests))
+        held = held_from(args, tests)
         check_replaced(held, ratios)
         material = _common.material_from(args, ratio)
         _common.warn_of_moduli(args, material, tests[0].thickness)

@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     figures = _figure_names(args, [t.name for t in tests])
     files = [path for pair in figures for path in pair]
     _common.check_outputs(args, _fitting.inputs(args), [*files, *check_page(args)])
-    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args)}
+    options = {**_fitting.comparison_options(args, tests), **_fitting.search_options(args, tests)}
     _fitting.check_search(args, options, [tests])
     _check_bootstrap(args, tests)
 
