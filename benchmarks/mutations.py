@@ -232,8 +232,8 @@ MUTANTS = (
     Mutant("dic/noise.py", "(1, 2.0 * np.pi), (2, np.pi)", "(1, np.pi), (2, np.pi)", NOISE),
     Mutant(
         "dic/noise.py",
-        "(found.inflation - 1.0) * count / MOST_POINTS",
-        "(found.inflation - 1.0)",
+        "times * (noise.inflation - alone)",
+        "(noise.inflation - alone)",
         NOISE,
     ),
     Mutant(
@@ -525,8 +525,8 @@ MUTANTS = (
     ),
     Mutant(
         "gap/residual/structure.py",
-        "trusted = residual * data.share[:, None, None]",
-        "trusted = residual",
+        "data.share[:, None] * part)",
+        "part)",
         "gap/test_gap_trace.py",
     ),
     Mutant(

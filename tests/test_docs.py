@@ -30,6 +30,8 @@ def test_mutants_that_are_told_are_those_that_are_tried():
     rows = [line for line in VERIFICATION.splitlines() if re.search(r"\| `test_\w+\.py::", line)]
     for row, one in zip(rows, mutants, strict=True):
         assert row.startswith(f"| `{one.file}` | `{one.old}` | `{one.new}` | ")
+        source = (ROOT / "src" / "bulgefit" / one.file).read_text(encoding="utf-8")
+        assert source.count(one.old) == 1, one.old
     assert f"each of its {len(mutants)} mutants" in VERIFICATION
     assert f"evidence in {len(mutants)} ways" in CHANGES
 
