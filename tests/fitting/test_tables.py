@@ -78,10 +78,14 @@ def test_columns_of_long_names_stand_apart(make: Maker, setup: Setup) -> None:
         "left_out_objectives": {"e": 0.1, "e_w": 0.1, "e_z": None}, "at_bound": [],
     }  # fmt: skip
     told = CrossValidation(
-        {"folds": [fold], "objective": "e_w", "mean": 0.1, "standard_deviation": None}
-    )
+        {
+            "folds": [fold], "objective": "likelihood", "judged_by": "e", "mean": 0.1,
+            "standard_deviation": None,
+        }
+    )  # fmt: skip
+    assert told.report().splitlines()[-1] == "e left out: mean 0.1 mm"
     head, row = told.report().splitlines()[:2]
-    assert "  clamp_slip.compliance (mm per N/mm)  training (mm)" in head
+    assert "  clamp_slip.compliance (mm per N/mm)  training" in head
     assert len(row) == len(head)
 
 
