@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.mend import in_unit
 from bulgefit.dic.units import LENGTH, PRESSURE
+from bulgefit.errors import InputError
 from bulgefit.fitting.evaluate import evaluate, evaluate_resting
 from bulgefit.fitting.fit import fit
 from bulgefit.fitting.objective import Objective
@@ -107,14 +108,15 @@ def test_what_was_lost_counts_nothing(seed: int) -> None:
 @some
 @given(seed=seeds)
 def test_repetition_counts_nothing(seed: int) -> None:
-    """Every point twice, or one test given twice: means stay."""
+    """Every point twice: means stay. One test given twice is refused."""
     test = drawn(seed)
     found = evaluate_resting(test, weight=0.1, setup=SETUP)
     twice = changed(test, np.tile(np.arange(POINTS), 2))
-    for other in (twice, [test, test]):
-        again = evaluate_resting(other, weight=0.1, setup=SETUP)
-        values = [again[name] for name in NAMES]
-        assert values == pytest.approx([found[name] for name in NAMES], 1e-13)
+    again = evaluate_resting(twice, weight=0.1, setup=SETUP)
+    values = [again[name] for name in NAMES]
+    assert values == pytest.approx([found[name] for name in NAMES], 1e-13)
+    with pytest.raises(InputError, match="hold the same data"):
+        evaluate_resting([test, test], weight=0.1, setup=SETUP)
 
 
 @some
