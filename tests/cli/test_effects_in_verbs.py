@@ -122,6 +122,10 @@ def test_what_is_each_tests_own_is_met_by_the_test_not_by_its_place(
     assert main(["evaluate", SLIP, str(copy), "--from", str(gap)]) == 2
     said = capsys.readouterr().err
     assert "which of its tests (third, other) is example_slip? It tells values" in said
+    for damaged in ([], "none", {"tests": 5}, {"tests": ["a"]}):
+        gap.write_text(json.dumps(found | {"report": damaged}))
+        assert main(["evaluate", SLIP, "--from", str(gap)]) == 2
+        assert f"--from {gap}: it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -263,17 +263,17 @@ def _places(path: Path, content: dict[str, Any], tests: Sequence[BulgeTest]) -> 
     By what they hold, or, where that was written anew, by their names: values that are one test's
     own are wrong of every other. A file that names none is taken to mean them in their order.
     """
-    told = content.get("sources", (content.get("report") or {}).get("tests"))
+    try:
+        told = content.get("sources", (content.get("report") or {}).get("tests")) or []
+        sums, names = ([str(one[key]) for one in told] for key in ("sha256", "name"))
+    except (TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"--from {path}: {_lacks(error, 'its tests are')}") from error
     if not told and len(tests) > 1:
         return {i: i for i in range(len(tests))}
     if not tests or not told:
         raise InputError(
             f"--from {path}: it is about several tests; give them all, or --hold the values"
         )
-    try:
-        sums, names = ([str(one[key]) for one in told] for key in ("sha256", "name"))
-    except (TypeError, KeyError) as error:
-        raise InputError(f"--from {path}: {_lacks(error, 'its tests are')}") from error
     places = {}
     for place, test in enumerate(tests):
         by_sum = [i for i, found in enumerate(sums) if found and found == test.checksum]
