@@ -147,14 +147,13 @@ def parts(test: BulgeTest) -> list[BulgeTest]:
         (lambda _: simulate(MATERIAL, 0.1, effects={"creep.rate": 0.1}), "creep needs the time"),
         (lambda test: diagnose(test, held={"creep.rate": 0.1}), "creep needs the time"),
         (lambda test: diagnose(test, holdout=parts(test)), "holdout: give one test"),
-        (lambda test: diagnose(test, holdout=test), "test and test: hold the same data"),
         (lambda test: diagnose(test, holdout=[]), "holdout: give one test"),
         (lambda _: Setup(tolerance=-1), "tolerance must be a length above 0 mm"),
         (lambda _: Setup(refine=2.0), "refine must be a whole number"),
         (lambda _: simulate(MATERIAL, 0.1, radius="100"), "radius must be a length above 0 mm"),
         (lambda _: simulate(MATERIAL, 0.1, refine=2.0), "refine must be a whole number"),
     ],
-    ids=map(str, range(11)),
+    ids=map(str, range(10)),
 )  # fmt: skip
 def test_what_would_do_nothing_or_end_in_a_traceback_is_refused(few, work, match):
     with pytest.raises(InputError, match=match):

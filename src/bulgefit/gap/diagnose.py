@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.dic.given import GivenTests, distinctly_named, each_once, given_tests
+from bulgefit.dic.given import GivenTests, distinctly_named, given_tests
 from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key
 from bulgefit.effects.registry import fields, scatter
@@ -120,7 +120,7 @@ def diagnose(
     candidates = [e for e in wanted if e.id not in lacking]
     every = given
     if holdout is not None:
-        every = each_once(distinctly_named([*given, *given_tests(holdout)]))
+        every = distinctly_named([*given, *given_tests(holdout)])
         if len(every) != len(given) + 1:
             raise InputError("holdout: give one test; the others are diagnosed together")
         holdout = every[-1]
