@@ -326,6 +326,7 @@ def test_what_a_simulation_does_not_show_of_what_was_found(tmp_path, capsys):
     given = {name: {"value": CONSTANTS[name]} for name in ("E1", "E2", "G12")}
     gap = tmp_path / "gap.json"
     words = [*MATERIAL, "--pressure", "1", "--refine", "1", "--json", "-"]
+    words += ["--radius", "100", "--thickness", "0.81"]
     apex = []
     for causes in ([slip], [slip, moved]):
         gap.write_text(json.dumps({"causes": causes, "parameters": {"corrected": given}}))
@@ -337,6 +338,99 @@ def test_what_a_simulation_does_not_show_of_what_was_found(tmp_path, capsys):
         f"note: --from {gap}: a simulation shows nothing of rigid_motion.shift_z (what cameras do "
         "changes no shape)\n"
     )
+
+
+#: How a test was mounted, as results tell it, and as options say it.
+OVAL = {"semi_axes_mm": [52.0, 47.0], "thickness_mm": 0.4, "warp_angle_degree": 30.0}
+OPTIONS = {"--semi-axes": [52, 47], "--thickness": [0.4], "--angle": [30]}
+RESULTS = {
+    "fit": lambda tests: {
+        "starts": [], "sources": tests, "material": "orthotropic",
+        "parameters": {name: {"value": value} for name, value in CONSTANTS.items()},
+    },
+    "diagnose": lambda tests: {
+        "causes": [], "report": {"tests": tests},
+        "parameters": {"corrected": {n: {"value": CONSTANTS[n]} for n in ("E1", "E2", "G12")}},
+    },
+}  # fmt: skip
+
+
+@pytest.fixture
+def simulated(tmp_path, capsys):
+    """JSON and stderr of a simulation by a result of these tests, and more options."""
+
+    def of(kind, tests, *options):
+        (tmp_path / "found.json").write_text(json.dumps(RESULTS[kind](tests)))
+        words = ["--pressure", "0.5,1", "--refine", "1", "--json", "-"]
+        assert run(*words, "--from", tmp_path / "found.json", *options) == 0
+        output = capsys.readouterr()
+        return json.loads(output.out), output.err
+
+    return of
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_the_membrane_of_a_result_is_mounted_as_its_tests_were(kind, simulated, capsys):
+    found, told = simulated(kind, [OVAL, OVAL])
+    by_hand = [str(word) for option, values in OPTIONS.items() for word in (option, *values)]
+    words = [*MATERIAL, "--pressure", "0.5,1", "--refine", "1", "--json", "-"]
+    assert run(*words, *by_hand) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (found["semi_axes_mm"], found["thickness_mm"]) == ([52.0, 47.0], 0.4)
+    assert found["angle_degree"] == 30.0
+    assert found["apex_mm"] == said["apex_mm"]
+    assert "warning" not in told
+
+
+def test_options_go_before_what_a_result_tells(simulated):
+    found, told = simulated("fit", [OVAL], "--radius", "60", "--thickness", "0.5", "--angle", "10")
+    assert found["radius_mm"] == pytest.approx(60.0, rel=1e-12)
+    assert (found["thickness_mm"], found["angle_degree"]) == (0.5, 10.0)
+    # and the tests may then differ, or not tell
+    other = {"semi_axes_mm": [90.0, 90.0]}
+    assert (
+        simulated("fit", [OVAL, other], "--radius", "60", "--thickness", "0.5", "--angle", "10")[0][
+            "apex_mm"
+        ]
+        == found["apex_mm"]
+    )
+    assert "warning" not in told
+
+
+def test_a_result_that_does_not_tell_how_its_tests_were_mounted(simulated, tmp_path):
+    found, told = simulated("fit", [{"name": "a"}])
+    assert (found["radius_mm"], found["thickness_mm"], found["angle_degree"]) == (100.0, 0.81, 0.0)
+    where = f"warning: --from {tmp_path / 'found.json'}:"
+    assert told.splitlines() == [
+        f"{where} semi_axes_mm of its tests is not told, 100 mm is taken; give --radius or "
+        "--semi-axes",
+        f"{where} thickness_mm of its tests is not told, 0.81 mm is taken; give --thickness",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("tests", "said"),
+    [
+        (
+            [OVAL, OVAL | {"semi_axes_mm": [50.0, 50.0]}],
+            "semi_axes_mm of its tests differs ([52.0, 47.0], [50.0, 50.0]); give --radius or "
+            "--semi-axes",
+        ),
+        ([OVAL, OVAL | {"thickness_mm": 0.5}], "thickness_mm of its tests differs (0.4, 0.5)"),
+        ([OVAL, {**OVAL, "warp_angle_degree": 0.0}], "differs (30.0, 0.0); give --angle"),
+        ([OVAL | {"thickness_mm": "0.4"}], "thickness_mm of its tests is not as it was written"),
+        ([OVAL | {"thickness_mm": -0.4}], "thickness_mm of its tests is not as it was written"),
+        ([OVAL | {"semi_axes_mm": 50.0}], "semi_axes_mm of its tests is not as it was written"),
+        (["a"], "its tests are not as they were written"),
+    ],
+)
+def test_tests_of_a_result_that_differ_or_make_no_sense(tests, said, tmp_path, capsys):
+    path = tmp_path / "found.json"
+    path.write_text(json.dumps(RESULTS["fit"](tests)))
+    assert run("--pressure", "1", "--refine", "1", "--from", path) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"bulgefit simulate: error: --from {path}: ")
+    assert said in line
 
 
 BAD = {

@@ -12,10 +12,16 @@ from bulgefit.model.setup import Setup
 
 
 def at_the_centre(
-    radius: float, thickness: float, material: dict[str, float], highest: float = 0.2
+    radius: float,
+    thickness: float,
+    material: dict[str, float],
+    highest: float = 0.2,
+    *,
+    x: float = 0.0,
 ) -> BulgeTest:
-    """Heights of a centre up to a pressure (MPa), by the virtual test."""
-    points, pressure = np.zeros((1, 3)), highest * np.array([0.1, 0.25, 0.5, 1.0])
+    """Heights of a centre, or so far beside it, up to a pressure (MPa), by the virtual test."""
+    points = np.array([[x, 0.0, 0.0]])
+    pressure = highest * np.array([0.1, 0.25, 0.5, 1.0])
     shape = {"radius": radius, "thickness": thickness}
     blank = BulgeTest.from_arrays(points, np.zeros((4, 1, 3)), pressure, **shape)
     seen = predict(blank, material, setup=Setup(refine=2)).displacement
@@ -40,6 +46,18 @@ def test_of_warp_and_fill_it_is_between() -> None:
         low, high = bounds_from([test])[name]
         first, last = start_box([test])[name]
         assert low < first < value < last < high
+
+
+@pytest.mark.parametrize("x", [40.0, 60.0, 80.0, 90.0])
+def test_a_centre_that_was_not_seen_is_told_by_what_is_nearest(x: float) -> None:
+    material = {"E": 250.0, "nu": 0.24}
+    seen = implied_modulus([at_the_centre(100.0, 0.81, material, x=x)])
+    assert seen == pytest.approx(implied_modulus([at_the_centre(100.0, 0.81, material)]), rel=0.2)
+
+
+def test_what_stands_at_the_clamp_implies_nothing() -> None:
+    beside = at_the_centre(100.0, 0.81, {"E": 250.0, "nu": 0.24}, x=97.0)
+    assert implied_modulus([beside]) is None
 
 
 def test_without_a_rise_nothing_is_implied() -> None:

@@ -23,6 +23,7 @@ __all__ = [
     "add_hold_argument",
     "add_prior_argument",
     "found_law",
+    "found_tests",
     "given_ratios",
     "held_by_hand",
     "held_from",
@@ -55,8 +56,9 @@ def add_effect_arguments(parser: argparse.ArgumentParser, *, fits: bool = False)
         help="hold the effects' parameters at what bulgefit diagnose or fit found and wrote with "
         "--json; moduli, Poisson's ratio and law are not taken from it, nor fields"
         if fits
-        else "set the effects' parameters, and moduli and law that are not given, to what bulgefit "
-        "diagnose or fit found and wrote with --json; fields are not taken from it",
+        else "set the effects' parameters, and moduli, law, clamp, thickness and angle that no "
+        "option gives, to what bulgefit diagnose or fit found, or its tests had, and wrote with "
+        "--json; fields are not taken from it",
     )
 
 
@@ -249,7 +251,7 @@ def _found_effects(path: Path, tests: Sequence[BulgeTest]) -> dict[str, float]:
                 "of every point, say); leave it out and hold the others with --hold"
             )
         if key.specimen is not None:
-            places = _places(path, content, tests) if places is None else places
+            places = _places(path, tests) if places is None else places
             if key.specimen not in places:
                 continue  # of a test that is not looked at here
             key = key._replace(specimen=places[key.specimen] if len(tests) > 1 else None)
@@ -257,16 +259,26 @@ def _found_effects(path: Path, tests: Sequence[BulgeTest]) -> dict[str, float]:
     return held
 
 
-def _places(path: Path, content: dict[str, Any], tests: Sequence[BulgeTest]) -> dict[int, int]:
+def found_tests(path: Path) -> list[dict[str, Any]]:
+    """What a result (--from) tells of each test that went in; nothing where it names none."""
+    content = _read(path)
+    try:
+        told = content.get("sources", (content.get("report") or {}).get("tests")) or []
+        return [{**one} for one in told]
+    except (TypeError, AttributeError) as error:
+        raise InputError(f"--from {path}: {_lacks(error, 'its tests are')}") from error
+
+
+def _places(path: Path, tests: Sequence[BulgeTest]) -> dict[int, int]:
     """Where each test that a file is about stands among those that are given.
 
     By what they hold, or, where that was written anew, by their names: values that are one test's
     own are wrong of every other. A file that names none is taken to mean them in their order.
     """
+    told = found_tests(path)
     try:
-        told = content.get("sources", (content.get("report") or {}).get("tests")) or []
         sums, names = ([str(one[key]) for one in told] for key in ("sha256", "name"))
-    except (TypeError, KeyError, AttributeError) as error:
+    except KeyError as error:
         raise InputError(f"--from {path}: {_lacks(error, 'its tests are')}") from error
     if not told and len(tests) > 1:
         return {i: i for i in range(len(tests))}

@@ -17,6 +17,7 @@ from bulgefit.cli._effects import (
     take_found_law,
     take_found_moduli,
 )
+from bulgefit.cli._mounting import Mounting, mounting_from
 from bulgefit.cli.tests_in import files_read
 from bulgefit.errors import InputError
 from bulgefit.shown import after_value, plain
@@ -31,7 +32,6 @@ __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "inflate a membrane of known material"
 
-_USUAL_RADIUS, _USUAL_THICKNESS = 100.0, 0.81
 #: Values of one effect that are shown one by one.
 _SHOWN = 8
 
@@ -64,7 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--radius",
         type=float,
         metavar="MM",
-        help="clamp radius in mm (default: 100, or what the --mesh reaches)",
+        help="clamp radius in mm (default: what the --mesh reaches or the tests of --from had, "
+        "else 100)",
     )
     group.add_argument(
         "--semi-axes",
@@ -77,16 +78,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--thickness",
         type=float,
-        default=_USUAL_THICKNESS,
         metavar="MM",
-        help="thickness of the fabric in mm (default: 0.81)",
+        help="thickness of the fabric in mm (default: what the tests of --from had, else 0.81)",
     )
     group.add_argument(
         "--angle",
         type=float,
-        default=0.0,
         metavar="DEG",
-        help="warp turned from x in degrees, counter-clockwise seen from +z (default: 0)",
+        help="warp turned from x in degrees, counter-clockwise seen from +z (default: as in the "
+        "tests of --from, else 0)",
     )
     add_effect_arguments(parser)
     _common.add_solver_arguments(parser, found=True)
@@ -113,10 +113,6 @@ def run(args: argparse.Namespace) -> int:
     take_found_law(args)
     take_found_moduli(args)
     material = _common.material_from(args)
-    radius, ellipticity = _clamp(args)
-    _positive(args.thickness, "--thickness", "mm")
-    if not math.isfinite(args.angle):
-        raise InputError(f"--angle {args.angle:g}: give an angle in degrees")
 
     import numpy as np
 
@@ -126,34 +122,35 @@ def run(args: argparse.Namespace) -> int:
 
     held = _held(args)
     check_replaced(held, ratios)
-    mesh, reach = None, radius or _USUAL_RADIUS
+    mounting = mounting_from(args)
+    mesh, reach = None, mounting.radius
     if args.mesh is not None:
-        mesh = _common.mesh_from(args, radius or _USUAL_RADIUS)
+        mesh = _common.mesh_from(args, reach)
         reach = float(np.hypot(*mesh.nodes.T).max())
-        if radius is not None and abs(reach - radius) > 0.01 * radius:
+        if args.radius is not None and abs(reach - args.radius) > 0.01 * args.radius:
             raise InputError(
-                f"--radius {radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
+                f"--radius {args.radius:g}: {args.mesh} reaches {reach:.6g} mm from the centre; "
                 "leave --radius out or scale the mesh"
             )
-    _warn_of_sizes(args, material, reach)
+    _warn_of_sizes(args, material, reach, mounting.thickness)
     result = simulate(
         material,
         np.array(pressures) / 10.0,
         mesh=mesh,
         refine=DEFAULT_REFINE if args.refine is None else args.refine,
         correct_mesh=not args.keep_mesh_error,
-        radius=radius or _USUAL_RADIUS,
-        ellipticity=ellipticity,
-        thickness=args.thickness,
-        angle=args.angle,
+        radius=mounting.radius,
+        ellipticity=mounting.ellipticity,
+        thickness=mounting.thickness,
+        angle=mounting.angle,
         effects=held,
         **_common.solver_options(args),
     )
     _common.deliver(
         args,
-        {**_payload(args, result, pressures), "effects": _values(held)},
-        _table(args, result, pressures, held),
-        partial(_write_shapes, args, result),
+        {**_payload(args, mounting, result, pressures), "effects": _values(held)},
+        _table(mounting, result, pressures, held),
+        partial(_write_shapes, args, mounting, result),
         partial(_draw, args, result, pressures[-1]),
     )
     return 0
@@ -191,18 +188,20 @@ def _by_reason(hidden: Mapping[str, str]) -> str:
     )
 
 
-def _warn_of_sizes(args: argparse.Namespace, material: Material, radius: float) -> None:
+def _warn_of_sizes(
+    args: argparse.Namespace, material: Material, radius: float, thickness: float
+) -> None:
     """Of what `info` would not believe of a test: units that were taken for others."""
     from bulgefit.dic.check import check_lengths
     from bulgefit.dic.suspicions.sizes import about_thickness
 
     try:
-        check_lengths(radius, args.thickness, "specimen")
+        check_lengths(radius, thickness, "specimen")
     except InputError as error:  # which a simulation can do without
         _common.progress(args, f"warning: {error}")
-    for one in about_thickness(radius, args.thickness):
+    for one in about_thickness(radius, thickness):
         _common.progress(args, f"warning: {one.text}; {one.remedy}")
-    _common.warn_of_moduli(args, material, args.thickness)
+    _common.warn_of_moduli(args, material, thickness)
 
 
 def _pressures(text: str) -> list[float]:
@@ -218,12 +217,6 @@ def _pressures(text: str) -> list[float]:
             raise InputError(f"--pressure: {item.strip()} is not a pressure above 0 bar")
         pressures.append(value)
     return pressures
-
-
-def _positive(value: float | None, name: str, unit: str) -> float | None:
-    if value is not None and not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{name} {value:g}: give a length above 0 {unit}")
-    return value
 
 
 def _check_outputs(args: argparse.Namespace, count: int) -> None:
@@ -249,11 +242,11 @@ def _check_outputs(args: argparse.Namespace, count: int) -> None:
     _common.check_outputs(args, files_read([args.mesh, args.from_file]), outputs)
 
 
-def _write_shapes(args: argparse.Namespace, result: Simulation) -> None:
+def _write_shapes(args: argparse.Namespace, mounting: Mounting, result: Simulation) -> None:
     if args.output is None:
         return
     if Path(args.output).suffix.lower() == ".npz":
-        _write_arrays(args, result)
+        _write_arrays(args, mounting, result)
     else:
         from bulgefit.report.paraview import write_paraview
 
@@ -276,33 +269,18 @@ def _draw(args: argparse.Namespace, result: Simulation, pressure: float) -> None
     )
 
 
-def _clamp(args: argparse.Namespace) -> tuple[float | None, float]:
-    """Radius (mm) if it is given, and ellipticity."""
-    radius = _positive(args.radius, "--radius", "mm")
-    if args.semi_axes is None:
-        return radius, 0.0
-    for option in ("radius", "mesh"):
-        if getattr(args, option) is not None:
-            raise InputError(f"--semi-axes: does not go with --{option}, which says the clamp, too")
-    for axis in args.semi_axes:
-        _positive(axis, "--semi-axes", "mm")
-    a, b = args.semi_axes
-    return 0.5 * (a + b), (a - b) / (a + b)
-
-
-def _mounted(args: argparse.Namespace, result: Simulation) -> dict[str, Any]:
+def _mounted(mounting: Mounting, result: Simulation) -> dict[str, Any]:
     """Radius, ellipticity and the warp's angle, as a bulge test keeps them."""
     import numpy as np
 
-    warp = {"warp_angle": np.float64(args.angle)} if args.angle else {}
-    if args.semi_axes is None:
+    warp = {"warp_angle": np.float64(mounting.angle)} if mounting.angle else {}
+    if mounting.semi_axes is None:
         return {"radius": np.float64(result.membrane.radius), **warp}
-    a, b = args.semi_axes
-    oval = np.float64((a - b) / (a + b))
-    return {"radius": np.float64(0.5 * (a + b)), "ellipticity": oval, **warp}
+    oval = np.float64(mounting.ellipticity)
+    return {"radius": np.float64(mounting.radius), "ellipticity": oval, **warp}
 
 
-def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
+def _write_arrays(args: argparse.Namespace, mounting: Mounting, result: Simulation) -> None:
     import io
 
     import numpy as np
@@ -318,7 +296,7 @@ def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
         cells=result.mesh.cells,
         reference=result.membrane.reference,
         displacement=result.displacement,
-        **_mounted(args, result),
+        **_mounted(mounting, result),
         thickness=np.float64(result.membrane.thickness),
         poisson_ratio=np.float64(result.material.constants()["nu12"]),
     )
@@ -326,7 +304,7 @@ def _write_arrays(args: argparse.Namespace, result: Simulation) -> None:
 
 
 def _payload(
-    args: argparse.Namespace, result: Simulation, pressures: list[float]
+    args: argparse.Namespace, mounting: Mounting, result: Simulation, pressures: list[float]
 ) -> dict[str, Any]:
     mesh = result.mesh
     return {
@@ -346,11 +324,11 @@ def _payload(
         "relaxation": result.membrane.relaxation,
         **(
             {"radius_mm": result.membrane.radius}
-            if args.semi_axes is None
-            else {"semi_axes_mm": args.semi_axes}
+            if mounting.semi_axes is None
+            else {"semi_axes_mm": mounting.semi_axes}
         ),
         "thickness_mm": result.membrane.thickness,
-        "angle_degree": args.angle,
+        "angle_degree": mounting.angle,
         "mesh": {
             "source": args.mesh or "bulgefit's O-grid",
             "nodes": len(mesh.nodes),
@@ -365,7 +343,7 @@ def _payload(
             "mesh_error_taken_off_mm": "mm",
             "mesh_error_mm": "mm",
             "seconds": "s",
-            "radius_mm" if args.semi_axes is None else "semi_axes_mm": "mm",
+            "radius_mm" if mounting.semi_axes is None else "semi_axes_mm": "mm",
             "thickness_mm": "mm",
             "angle_degree": "degree",
         },
@@ -403,12 +381,12 @@ def _with(held: Mapping[str, float]) -> list[str]:
 
 
 def _table(
-    args: argparse.Namespace, result: Simulation, pressures: list[float], held: Mapping[str, float]
+    mounting: Mounting, result: Simulation, pressures: list[float], held: Mapping[str, float]
 ) -> str:
     mesh, points = result.mesh, 4 * len(result.mesh.cells)
     clamp = f"radius {result.membrane.radius:g} mm"
-    if args.semi_axes is not None:
-        clamp = "semi-axes {:g}, {:g} mm".format(*args.semi_axes)
+    if mounting.semi_axes is not None:
+        clamp = "semi-axes {:g}, {:g} mm".format(*mounting.semi_axes)
     lines = [
         _described(result),
         *_with(held),

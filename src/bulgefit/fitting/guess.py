@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bulgefit.dic.bulge_test import BulgeTest
+from bulgefit.dic.suspicions.apex import rise_at_centre
 from bulgefit.dic.suspicions.sizes import implied_stiffness
 
 __all__ = ["bounds_from", "implied_modulus", "start_box"]
@@ -33,18 +34,21 @@ _STARTS: Mapping[str, tuple[float, float]] = {
 
 #: Rise over the radius below which a cap's strain, two thirds of its square, is lost in rounding.
 _LEAST_RISE = 1e-3
+#: Part of the radius beyond which a height is less than a tenth of the centre's (1 - 0.95^2), and
+#: the clamp's own motion and zero a large part of it.
+_AT_CLAMP = 0.95
 
 
 def implied_modulus(tests: Sequence[BulgeTest]) -> float | None:
     """Mean modulus (MPa) that a spherical cap through rim and apex implies; None where none can.
 
     A cap (`implied_stiffness`) is within a third of the clamped disc's solution up to strains of
-    some 10 % (Beams, 1959, "Mechanical properties of thin films").
+    some 10 % (Beams, 1959, "Mechanical properties of thin films"). Its apex is told by the measured
+    point nearest the centre, wherever that lies.
     """
     found = []
     for test in tests:
-        rise = np.asarray(test.apex_displacement, dtype=float)
-        pressure = np.asarray(test.pressure, dtype=float)
+        pressure, rise = rise_at_centre(test, _AT_CLAMP)
         seen = (pressure > 0.0) & (rise > _LEAST_RISE * test.radius) & (rise < test.radius)
         if seen.any():
             # high pressures hide slack and initial height

@@ -296,6 +296,8 @@ def describe_tests(tests: Sequence[BulgeTest]) -> list[dict[str, Any]]:
             "frames": t.n_frames,
             "points": t.n_points,
             "values": t.n_measured,
+            "semi_axes_mm": t.semi_axes.tolist(),
+            "thickness_mm": t.thickness,
             **({} if t.warp_angle is None else {"warp_angle_degree": t.warp_angle}),
         }
         for t in tests

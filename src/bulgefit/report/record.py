@@ -36,8 +36,8 @@ SIGNIFICANT = 3.0
 def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """The diagnosis as JSON types, with `report`: what its pictures and words need beside.
 
-    `report` has `tests` (as a fit describes them, with the clamp's semi-axes, the pressures in bar
-    that were judged and the trust in those frames), `kept_out` (the one that took no part, where
+    `report` has `tests` (as a fit describes them, with the pressures in bar that were judged
+    and the trust in those frames), `kept_out` (the one that took no part, where
     there is one), `candidates` (effects that were weighed), `values` of all freed parameters before
     and after (`effect.parameter@i` is test i's own), `budget` (e_w in mm from the moduli alone over
     each effect), by test `cells` and `modes` of the residual before and after and `mesh`, and
@@ -54,7 +54,6 @@ def record_of(diagnosis: Diagnosis) -> dict[str, Any]:
             "tests": [
                 {
                     **described,
-                    "semi_axes_mm": d.specimen.test.semi_axes.tolist(),
                     "judged_bar": (10.0 * d.specimen.recorded).tolist(),
                     "trust": d.share.tolist(),
                 }

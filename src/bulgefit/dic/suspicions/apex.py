@@ -15,17 +15,17 @@ Floats = NDArray[np.floating]
 _NEAR_APEX = 0.5
 
 
-def rise_at_centre(test: BulgeTest) -> tuple[Floats, Floats]:
+def rise_at_centre(test: BulgeTest, within: float = _NEAR_APEX) -> tuple[Floats, Floats]:
     """Pressure (MPa) and rise at the centre (mm) of the frames that tell it, by pressure.
 
     The rise is read at the measured point nearest the centre, as that of a paraboloid through it
-    and the clamp. Frames whose nearest point lies beyond half the radius tell nothing.
+    and the clamp. Frames whose nearest point lies beyond this part of the radius tell nothing.
     """
     rise = np.full(test.n_frames, np.nan)
     for block in test.blocks:
         index = test.apex[block.frames]
         part = np.sum(test.on_circle(block.reference[index]) ** 2, axis=1) / test.radius**2
-        near = (index >= 0) & (part < _NEAR_APEX**2)
+        near = (index >= 0) & (part < within**2)
         height = test.apex_displacement[block.frames] / np.where(near, 1 - part, 1.0)
         rise[block.frames] = np.where(near, height, np.nan)
     known = np.flatnonzero(np.isfinite(rise))
