@@ -49,6 +49,19 @@ def test_they_tell_the_noise_and_are_no_frames():
     assert (len(more.static_displacement), more.n_frames) == (10, 4)
 
 
+@pytest.mark.parametrize("count", [1, 12, 24, 30])
+def test_they_tell_it_of_a_few_points_too(count):
+    apart = images_at_rest(made(300), 301)
+    few = apart.select(points=np.arange(len(apart.blocks[0].reference)) < count)
+    noise = noise_of(few)
+    if count == 1:  # of a point alone nothing is known apart from a camera that moves
+        assert noise is None
+        return
+    assert noise.source is Source.AT_REST
+    np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
+    assert noise.inflation < 1.5
+
+
 def test_what_cannot_be_is_refused():
     test = made()
     for count in (0, -1, 15, 99):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,6 +75,20 @@ def test_a_test_of_unknown_noise_does_not_hide_what_the_others_show(
     codes = [warned.code for warned in found.warnings]
     assert codes == ["model_lacks", "noise_unknown"]
     assert found.warnings[1].text.startswith("the noise of few is not known")
+
+
+def test_images_at_rest_tell_the_noise_of_a_few_points(make: Maker, setup: Setup) -> None:
+    """So that what the model lacks is told, where the points alone tell no noise."""
+    test = make(noise=NOISE, frames=10, points=16)
+    rest = np.random.default_rng(5).normal(scale=NOISE, size=(60, 16, 3))
+    seen = np.array(test.blocks[0].displacement)
+    seen[..., 2] += 0.3 * test.blocks[0].reference[:, 0] / 95.0
+    codes = {}
+    for name, moved in (("clean", test), ("bent", changed(test, seen))):
+        found = judged(replace(moved, static_displacement=rest), setup)
+        assert found.noise_mm == pytest.approx([NOISE] * 3, rel=0.15)
+        codes[name] = [warned.code for warned in found.warnings]
+    assert codes == {"clean": [], "bent": ["model_lacks"]}
 
 
 def test_worse_than_a_model_that_does_not_deform(make: Maker, setup: Setup) -> None:

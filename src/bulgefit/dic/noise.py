@@ -22,6 +22,8 @@ Floats = NDArray[np.float64]
 #: Distance (mm) beyond which noise is taken as independent.
 REACH = 40.0
 _NEIGHBOURS = 24
+#: Values of a component, of a frame or of images at rest, that tell its noise.
+_LEAST_VALUES = 2 * _NEIGHBOURS
 #: Points that tell the noise of a test with more.
 MOST_POINTS = 4000
 #: Points around one that say whether it strays, and by how many noise units and spreads of theirs.
@@ -75,7 +77,8 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
     Returns
     -------
     Noise or None
-        None where too few points, or not all components, were measured to tell.
+        None where too few points, or not all components, were measured to tell, in frames or in
+        images at rest.
     """
     if not test.blocks:
         return None
@@ -86,7 +89,7 @@ def noise_of(test: BulgeTest, residual: Floats | None = None) -> Noise | None:
             return None
         test, residual = _of_block(test, max(noisy, key=lambda b: b.measured.sum())), None
     together = np.isfinite(test.blocks[0].displacement).all(axis=2).sum(axis=1)
-    if together.max(initial=0) < 2 * _NEIGHBOURS:
+    if together.max(initial=0) < _LEAST_VALUES and not len(_static_images(test)):
         return None
     count = len(test.blocks[0].reference)
     if count <= MOST_POINTS:
@@ -143,8 +146,6 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
     points = np.asarray(block.reference[:, :2], dtype=float)
     field = _static_images(test)
     if len(field):
-        # a camera that moved between the images is no noise
-        field = field - np.nanmean(field, axis=1, keepdims=True)
         return _describe(points, field, _robust(field), Source.AT_REST)
     rough = rough_part(points, np.asarray(block.displacement if residual is None else residual))
     if residual is None or len(residual) < _LEAST_FRAMES:
@@ -159,11 +160,21 @@ def estimate_noise(test: BulgeTest, residual: Floats | None = None) -> Noise:
 
 
 def _static_images(test: BulgeTest) -> Floats:
-    """Images at rest (m, n, 3), mm, that show all three components, as a noise needs."""
+    """Images at rest (m, n, 3), mm, less how the camera moved between them, which is no noise.
+
+    Those that show all three components, as a noise needs; none where they have too few values.
+    """
+    none = np.empty((0, 0, 3))
     if test.static_displacement is None:
-        return np.empty((0, 0, 3))
+        return none
     field = np.asarray(test.static_displacement, dtype=float)
-    return field[np.isfinite(field).any(axis=1).all(axis=1)]
+    seen = np.isfinite(field).sum(axis=1)
+    field, seen = field[(seen > 1).all(axis=1)], seen[(seen > 1).all(axis=1)]
+    if (seen - 1).sum(axis=0).min() < _LEAST_VALUES:
+        return none
+    # the mean of few points follows their noise
+    left = np.sqrt(seen / (seen - 1.0))[:, None]
+    return np.asarray((field - np.nanmean(field, axis=1, keepdims=True)) * left)
 
 
 def _beside_persistent(noise: Noise, rough: Floats, frames: int) -> Noise:
@@ -294,8 +305,9 @@ def _describe(points: Floats, field: Floats, sigma: Floats, source: Source) -> N
         return Noise(sigma, 0.0, 1.0, source)
     length, area = _fit_correlation(np.array(centres), np.array(correlation), np.array(weight))
     # density of measured points times the area under the correlation
-    away = KDTree(points).query(points, k=_NEIGHBOURS + 1)[0][:, -1]
-    density = (_NEIGHBOURS + 0.5) / (np.pi * float(np.median(away)) ** 2)
+    around = min(_NEIGHBOURS, len(points) - 1)
+    away = KDTree(points).query(points, k=around + 1)[0][:, -1]
+    density = (around + 0.5) / (np.pi * float(np.median(away)) ** 2)
     inflation = 1.0 + density * area
     return Noise(sigma, length, float(np.clip(inflation, 1.0, 200.0)), source)
 

@@ -85,8 +85,8 @@ class Doubt(Enum):
     )
     NOISE_UNKNOWN = (
         "the noise of {names} is not known: too few points show all of dx, dy and dz at once; "
-        "whether the model lacks something there is not judged: give more points, or fit them "
-        "beside a test that has them"
+        "whether the model lacks something there is not judged: give more points or images at "
+        "rest (--at-rest), or fit them beside a test that has them"
     )
     MESH_ERROR_UNKNOWN = "the mesh's error could not be found and is in the fit"
     MESH_REMAINDER_UNKNOWN = (
