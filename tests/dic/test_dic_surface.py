@@ -267,6 +267,9 @@ def test_lost_points_and_points_of_their_own():
     assert np.isfinite(found.surface.tension[1]).all()
     assert np.isnan(found.rings.tension[0, -1]).all()
     assert np.isfinite(found.rings.tension[1]).all()
+    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))["rings"]
+    for name, column in found.tables()["rings"].items():
+        np.testing.assert_array_equal(np.array(told[name], dtype=float), column)
     frames = []
     for row in range(2):
         seen = np.isfinite(lost[row]).all(axis=1)

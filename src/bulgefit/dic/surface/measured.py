@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,7 +124,11 @@ class Measured(Drawn):
             "window_mm": self.window,
             "noise": known,
             **{
-                name: {column: values.tolist() for column, values in table.items()}
+                name: {
+                    # what was not measured is null: JSON has no NaN
+                    column: [one if math.isfinite(one) else None for one in values.tolist()]
+                    for column, values in table.items()
+                }
                 for name, table in self.tables().items()
                 if name != "fields"
             },

@@ -82,7 +82,8 @@ def _about_components(test: BulgeTest) -> Iterator[Suspicion]:
             yield Suspicion(
                 "component_never_measured",
                 f"{key} was never measured",
-                f"export {key}, or fit with --objective e_z, which takes dz alone",
+                f"export {key}"
+                + (", or fit with --objective e_z, which takes dz alone" if key != "dz" else ""),
             )
         elif known < (1 - _FEW_LOST) * test.n_measured:
             yield Suspicion(
