@@ -98,7 +98,8 @@ def test_a_trial_on_a_cluster(
     whole = trial.run_trial
 
     def little(*numbers: int, **options: Any) -> dict[str, Any]:
-        return whole(*numbers, **{**options, "recipe": LITTLE})
+        few = {"effects": ["clamp_slip", "rigid_motion"]}
+        return whole(*numbers, **{**options, "recipe": LITTLE, "options": few})
 
     monkeypatch.setattr(trial, "run_trial", little)
     found = []

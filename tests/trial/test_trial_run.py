@@ -221,7 +221,7 @@ def test_same_seed_same_tests_in_fresh_processes(tmp_path):
 def test_a_worker_of_a_cluster_that_dies_over_a_diagnosis(tmp_path, cluster):
     """Verdicts are those of one worker to the last bit; what was lost is diagnosed again."""
     options = {
-        "number": 3,
+        "number": 2,
         "kinds": ["clamp_slip", "none"],
         "recipe": JUDGED,
         "options": {"effects": ["clamp_slip", "rigid_motion"]},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 _AT_ONCE = 32
 
 
+@dataclass(frozen=True, eq=False)
 class Weighing:
     """The misfit of specimens by coordinates (`problem.Problem`).
 
@@ -55,17 +56,12 @@ class Weighing:
         By which errors count a misfit beyond the noise.
     """
 
-    def __init__(
-        self,
-        data: Sequence[Data],
-        coordinates: Coordinates,
-        offsets: Sequence[Creases] | None = None,
-        tempered: float = 1.0,
-        misfits: Sequence[Misfit] | None = None,
-        excess: float = 1.0,
-    ) -> None:
-        self.data, self.coordinates, self.offsets = data, coordinates, offsets
-        self.tempered, self.misfits, self.excess = tempered, misfits, excess
+    data: Sequence[Data]
+    coordinates: Coordinates
+    offsets: Sequence[Creases] | None = None
+    tempered: float = 1.0
+    misfits: Sequence[Misfit] | None = None
+    excess: float = 1.0
 
     @property
     def groups(self) -> Sequence[Group]:
@@ -79,30 +75,25 @@ class Weighing:
 
     def afresh(self) -> Weighing:
         """The same, by specimens that remember nothing of earlier solves."""
-        data = [d.afresh() for d in self.data]
-        return Weighing(
-            data, self.coordinates, self.offsets, self.tempered, self.misfits, self.excess
-        )
+        return replace(self, data=[d.afresh() for d in self.data])
 
     def within(self, coordinates: Coordinates) -> Weighing:
         """The same within other priors."""
-        return Weighing(
-            self.data, coordinates, self.offsets, self.tempered, self.misfits, self.excess
-        )
+        return replace(self, coordinates=coordinates)
 
     def smooth(self) -> Weighing:
         """The same without offsets of the points."""
-        return Weighing(self.data, self.coordinates, None, self.tempered, self.misfits, self.excess)
+        return replace(self, offsets=None)
 
     def over(
         self, data: Sequence[Data], offsets: Sequence[Creases] | None, excess: float
     ) -> Weighing:
         """The same over other data of the specimens, beside what models were judged beside here."""
-        whole = Weighing(data, self.coordinates, offsets, excess=excess)
+        misfits = None
         if self.misfits is not None:
             pairs = zip(self.misfits, self.data, data, strict=True)
-            whole.misfits = [m.on(d, d.inflation / here.inflation) for m, here, d in pairs]
-        return whole
+            misfits = [m.on(d, d.inflation / here.inflation) for m, here, d in pairs]
+        return Weighing(data, self.coordinates, offsets, misfits=misfits, excess=excess)
 
     def beside(self, excess: float) -> Weighing:
         """The same beside a misfit that no model takes away: more noise by this factor."""
