@@ -57,6 +57,7 @@ TRIAL = "trial/test_trial_effects.py"
 NOISE = "gap/test_gap_noise.py"
 EVIDENCE = "gap/test_gap_evidence.py"
 LEVEL = "gap/test_gap_level.py"
+SIMULATE = "cli/test_cli_simulate.py"
 CREASES = "gap/test_gap_creases.py gap/test_gap_weighing.py"
 LAWS = "fem/test_laws.py"
 WEIGHING = "gap/test_gap_weighing.py"
@@ -676,6 +677,42 @@ MUTANTS = (
     Mutant("model/inflation.py", "loads <= _CANCELLED *", "loads <= 0.0 *", FEW),
     Mutant("dic/formats/csv_folder.py", "values[:, i] *= factor", "values[:, i] /= factor", TOLD),
     Mutant("dic/align.py", "rim.centre) <= rim.centre_error", "rim.centre) < 0.0", ALIGN),
+    Mutant(
+        "gap/residual/structure.py",
+        "np.diag(data.drawn_anew / values",
+        "np.diag(data.inflation / values",
+        "gap/test_gap_trace.py",
+    ),
+    Mutant(
+        "gap/data.py",
+        "courses.sum(axis=0) ** 2 + self.drawn_anew",
+        "len(courses) + self.drawn_anew",
+        "gap/test_gap_weighing.py",
+    ),
+    Mutant(
+        "dic/noise.py",
+        "np.sqrt(seen / (seen - 1.0))",
+        "np.sqrt(seen / seen)",
+        "dic/test_dic_at_rest.py",
+    ),
+    Mutant(
+        "dic/noise.py",
+        "(seen - 1).sum(axis=0).min() < _LEAST_VALUES",
+        "(seen - 1).sum(axis=0).min() < 0",
+        "dic/test_dic_at_rest.py",
+    ),
+    Mutant(
+        "dic/given.py",
+        "return each_once(distinctly",
+        "return (distinctly",
+        "dic/test_dic_copies.py",
+    ),
+    Mutant("fitting/guess.py", "_AT_CLAMP = 0.95", "_AT_CLAMP = 0.5", "fitting/test_guess.py"),
+    Mutant(
+        "dic/suspicions/apex.py", "np.where(near, 1 - part, 1.0)", "1.0", "fitting/test_guess.py"
+    ),
+    Mutant("cli/_mounting.py", "(a - b) / (a + b)", "(b - a) / (a + b)", SIMULATE),
+    Mutant("cli/_mounting.py", "for test in tests or [{}]]", "for test in [{}]]", SIMULATE),
 )
 
 

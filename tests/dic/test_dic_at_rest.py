@@ -10,7 +10,7 @@ import pytest
 from bulgefit.cli.main import main
 from bulgefit.dic import BulgeTest, read_test, write_test
 from bulgefit.dic.mend import images_at_rest
-from bulgefit.dic.noise import Source, noise_of
+from bulgefit.dic.noise import Noise, Source, noise_of
 from bulgefit.dic.suspicions import alarms
 from bulgefit.errors import InputError
 
@@ -49,17 +49,26 @@ def test_they_tell_the_noise_and_are_no_frames():
     assert (len(more.static_displacement), more.n_frames) == (10, 4)
 
 
-@pytest.mark.parametrize("count", [1, 12, 24, 30])
+def of_few(count: int, images: int) -> Noise | None:
+    """The noise of so many points by so many images at rest."""
+    apart = images_at_rest(made(images), images + 1)
+    return noise_of(apart.select(points=np.arange(len(apart.blocks[0].reference)) < count))
+
+
+@pytest.mark.parametrize("count", [4, 12, 24, 30])
 def test_they_tell_it_of_a_few_points_too(count):
-    apart = images_at_rest(made(300), 301)
-    few = apart.select(points=np.arange(len(apart.blocks[0].reference)) < count)
-    noise = noise_of(few)
-    if count == 1:  # of a point alone nothing is known apart from a camera that moves
-        assert noise is None
-        return
+    noise = of_few(count, 600)
     assert noise.source is Source.AT_REST
     np.testing.assert_allclose(noise.sigma, SIGMA, rtol=0.1)
     assert noise.inflation < 1.5
+
+
+def test_of_too_few_points_and_images_they_tell_none():
+    # of a point alone nothing is known beside a camera that moves
+    assert of_few(1, 300) is None
+    # as many values as a frame needs points, of which each image spends one on its mean
+    assert of_few(9, 5) is None
+    assert of_few(9, 6) is not None
 
 
 def test_what_cannot_be_is_refused():
