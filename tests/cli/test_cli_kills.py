@@ -23,7 +23,7 @@ def benchmark() -> ModuleType:
 
 
 @pytest.mark.parametrize(
-    ("verb", "number"), [("convert", 4), ("align", 3), ("crossval", 3), ("fit", 3)]
+    ("verb", "number"), [("convert", 4), ("align", 3), ("crossval", 2), ("fit", 2)]
 )
 def test_a_kill_loses_nothing(
     verb: str, number: int, benchmark: ModuleType, tmp_path: Path
