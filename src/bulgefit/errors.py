@@ -114,7 +114,11 @@ class SolveError(UnsolvedError, RuntimeError):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        shown = ", ".join(f"{name} = {value:.6g}" for name, value in self.parameters.items())
+        shown = ", ".join(
+            # moduli are in MPa, ratios have no unit; an effect's parameter has its own
+            f"{name} = {value:.6g}" + (" MPa" if name[0] in "EG" else "")
+            for name, value in self.parameters.items()
+        )
         return (
             f"{self.reason} at {self.pressure * 10:.6g} bar (equilibrium was reached up to "
             f"{self.reached * 10:.6g} bar; iteration {self.iteration}, residual "

@@ -187,11 +187,11 @@ def test_options_are_exact_and_values_may_be_negative(verb, capsys):
         (
             SolveError(
                 "no equilibrium", pressure=0.2, reached=0.15, iteration=3, residual_norm=1.0,
-                parameters={"E1": 9.0},
+                parameters={"E1": 9.0, "nu12": 0.2},
             ),
             2,
             "error: no equilibrium at 2 bar (equilibrium was reached up to 1.5 bar; iteration 3, "
-            "residual 1 N; E1 = 9)",
+            "residual 1 N; E1 = 9 MPa, nu12 = 0.2)",
         ),
         (OSError(28, "No space left"), 2, "error: No space left"),
         (PermissionError(13, "Permission denied", "a"), 2, "error: a: Permission denied"),

@@ -232,7 +232,7 @@ def test_a_fit_without_any_equilibrium_says_so(make: Maker, setup: Setup) -> Non
     assert re.fullmatch(
         r"no start found an equilibrium: every evaluation failed: no equilibrium: .* at "
         r".* bar \(equilibrium was reached up to .* bar; iteration \d+, residual .* N; "
-        r"nu12 = 0\.24, E1 = 1\.\d+, E2 = 1\.\d+, G12 = 0\.\d+\)",
+        r"nu12 = 0\.24, E1 = 1\.\d+ MPa, E2 = 1\.\d+ MPa, G12 = 0\.\d+ MPa\)",
         str(failed.value),
     )
 

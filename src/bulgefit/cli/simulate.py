@@ -402,8 +402,8 @@ def _table(
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
     if result.mesh_error_taken_off is not None:
         taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
-        left = "unknown" if error is None else f"{plain(1000 * error, 2)} µm"
-        lines.append(f"mesh: up to {taken} µm of its error taken off, {left} left")
+        left = "what is left is not known" if error is None else f"{plain(1000 * error, 2)} µm left"
+        lines.append(f"mesh: up to {taken} µm of its error taken off, {left}")
     if not result.elliptic.all():
         lost = [p for p, kept in zip(pressures, result.elliptic, strict=True) if not kept]
         lines.append(
