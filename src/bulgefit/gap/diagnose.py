@@ -22,6 +22,7 @@ from bulgefit.gap.data import Data
 from bulgefit.gap.diagnosis import Diagnosis
 from bulgefit.gap.effects import MODULI, chosen_effects
 from bulgefit.gap.explain import explain
+from bulgefit.gap.explanation import Explanation
 from bulgefit.gap.follow_up.advise import advise
 from bulgefit.gap.follow_up.holdout import judge_held_out
 from bulgefit.gap.follow_up.separate import STIFFNESS, Pair, indistinguishable
@@ -111,23 +112,13 @@ def diagnose(
         The baseline finds no equilibrium.
     """
     began = time.perf_counter()
-    given = given_tests(tests)
-    if not given:
-        raise InputError("no bulge test was given")
-    known = as_effects(held)
+    given, holdout = _given(tests, holdout)
+    known, believed = as_effects(held), _believed(priors or {})
     wanted = _not_held(chosen_effects(effects), known, named=effects is not None)
     lacking = _lacking(wanted, given)
     candidates = [e for e in wanted if e.id not in lacking]
-    every = given
-    if holdout is not None:
-        every = distinctly_named([*given, *given_tests(holdout)])
-        if len(every) != len(given) + 1:
-            raise InputError("holdout: give one test; the others are diagnosed together")
-        holdout = every[-1]
-    _same_ratio(every)
-    for test in every:
+    for test in (*given, *([holdout] if holdout else [])):
         check_needs(known, test)
-    believed = _believed(priors or {})
     own = open_executor(workers) if executor is None else nullcontext(executor)
     with one_blas_thread(), own as pool:
         prepared = [prepare(test, law, workers, known) for test in given]
@@ -152,14 +143,7 @@ def diagnose(
         say("held-out gap")
         for one, prediction in zip(prepared, found.final.predictions, strict=True):
             judge_mesh(one, prediction.shapes)
-        weight = weight_of(data)
-        gaps = {
-            "baseline": fitted_gap(data, baseline, weight),
-            "explained": fitted_gap(data, found.final, weight),
-            "heldout_baseline": held_out_gap(data, baseline, weight),
-            "heldout_explained": held_out_gap(data, found.final, weight),
-            "noise_floor": noise_gap(data, weight),
-        }
+        gaps = _gaps(data, found)
         pairs = indistinguishable(found.known)
         pairs[:0] = [Pair((e.id, STIFFNESS), 1.0) for e in candidates if e.never_separable]
         causes = causes_of(found)
@@ -170,7 +154,9 @@ def diagnose(
             unusable = _lacking(wanted, [kept_out.data.specimen.test])
             usable = [e for e in wanted if e.id not in unusable]
             try:
-                met = judge_held_out(kept_out, found, usable, weight, say, same_rig=same_rig)
+                met = judge_held_out(
+                    kept_out, found, usable, weight_of(data), say, same_rig=same_rig
+                )
             except SolveError as error:
                 unmet = [f"the held-out test could not be met with what was found: {error}"]
             unmet += lacked_by(kept_out, found)
@@ -201,6 +187,34 @@ def diagnose(
             *unmet,
         ],
     )
+
+
+def _given(
+    tests: GivenTests, holdout: BulgeTest | None
+) -> tuple[list[BulgeTest], BulgeTest | None]:
+    """The tests that are diagnosed, and the one that is kept out, if any; all of one cloth."""
+    given = given_tests(tests)
+    if not given:
+        raise InputError("no bulge test was given")
+    if holdout is None:
+        _same_ratio(given)
+        return given, None
+    every = distinctly_named([*given, *given_tests(holdout)])
+    if len(every) != len(given) + 1:
+        raise InputError("holdout: give one test; the others are diagnosed together")
+    _same_ratio(every)
+    return given, every[-1]
+
+
+def _gaps(data: Sequence[Data], found: Explanation) -> dict[str, dict[str, float]]:
+    """Of the moduli alone and of what was found, on what was fitted and what was held out."""
+    weight = weight_of(data)
+    fits = {"baseline": found.baseline, "explained": found.final}
+    return {
+        **{name: fitted_gap(data, fit, weight) for name, fit in fits.items()},
+        **{f"heldout_{name}": held_out_gap(data, fit, weight) for name, fit in fits.items()},
+        "noise_floor": noise_gap(data, weight),
+    }
 
 
 def _not_held(effects: Iterable[Effect], held: Mapping[str, float], *, named: bool) -> list[Effect]:

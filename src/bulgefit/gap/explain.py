@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 
 import numpy as np
@@ -13,6 +13,7 @@ from bulgefit.effects.base import Effect
 from bulgefit.effects.parameter import Key, Owned
 from bulgefit.gap.apart import refitted, taken_apart
 from bulgefit.gap.course import most_probable
+from bulgefit.gap.data import Data
 from bulgefit.gap.effects import CREASES, MODULI
 from bulgefit.gap.evidence.coordinates import Coordinates, is_field, with_fields
 from bulgefit.gap.evidence.descend import Fit
@@ -23,7 +24,7 @@ from bulgefit.gap.evidence.search import Search
 from bulgefit.gap.evidence.shares import scores
 from bulgefit.gap.evidence.temper import taken_up, temper
 from bulgefit.gap.evidence.weighing import Weighing
-from bulgefit.gap.explanation import Evidence, Explanation, Known
+from bulgefit.gap.explanation import Evidence, Explanation, FoundField, Known
 from bulgefit.gap.found_fields import creases_found, field_found
 from bulgefit.gap.keys import offsets_of_points
 from bulgefit.gap.pace import Pace, Stage
@@ -109,17 +110,11 @@ def explain(
     ]
     if offsets is not None:
         say("the model without offsets")
-        smooth = weighing.smooth()
-        rest = refitted(smooth, layout, fit.model, fit.x, fit.here.near)
         chance = float(expit(0.5 * best.creases_worth / tempered))
-        without_creases = None if rest is None else regression_of(smooth, rest)
-        for key in offsets_of_points(len(whole)):
-            index, creases = key.specimen or 0, Owned(CREASES, key.specimen)
-            offset, error = final.offsets[index], final.offset_errors[index]
-            if offset is not None and error is not None:
-                keys[creases] = (key,)
-                evidence[creases] = Evidence(chance, (), without_creases, {})
-                found_fields.append(creases_found(creases, whole[index], offset, error))
+        for key, told, field in _offsets_found(weighing, layout, fit, whole, final, chance):
+            creases = Owned(CREASES, key.specimen)
+            keys[creases], evidence[creases] = (key,), told
+            found_fields.append(field)
     return Explanation(
         baseline=baseline,
         final=final,
@@ -133,6 +128,26 @@ def explain(
         remainder=structure(whole, final),
         temper=tempered,
     )
+
+
+def _offsets_found(
+    weighing: Weighing,
+    layout: Layout,
+    fit: Fit,
+    whole: Sequence[Data],
+    final: Regression,
+    chance: float,
+) -> Iterator[tuple[Key, Evidence, FoundField]]:
+    """Offsets of each specimen's points, as a field; all together have a probability."""
+    smooth = weighing.smooth()
+    rest = refitted(smooth, layout, fit.model, fit.x, fit.here.near)
+    evidence = Evidence(chance, (), None if rest is None else regression_of(smooth, rest), {})
+    for key in offsets_of_points(len(whole)):
+        index = key.specimen or 0
+        offset, error = final.offsets[index], final.offset_errors[index]
+        if offset is not None and error is not None:
+            creases = Owned(CREASES, key.specimen)
+            yield key, evidence, creases_found(creases, whole[index], offset, error)
 
 
 def _with_moduli(null: Floats, moduli: Mapping[Key, float]) -> Floats:
