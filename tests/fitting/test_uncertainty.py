@@ -190,14 +190,31 @@ def test_a_law_with_a_stiffness_of_its_own_is_heeded_by_thickness(
     assert found.uncertainty.parts["E"]["thickness"] == pytest.approx(moved, rel=0.01)
 
 
-def test_a_larger_clamp_is_what_a_fit_with_it_finds(make: Maker, setup: Setup) -> None:
+@pytest.mark.parametrize(
+    ("size", "objective", "within"),
+    [
+        (0.002, "e_w", 0.1),
+        (0.002, "e", 0.1),
+        (0.01, "e_w", 0.1),
+        (0.01, "e", 0.1),
+        # squares of what is no noise go by the model's second derivatives, too
+        (0.002, "likelihood", 0.15),
+    ],
+)
+def test_another_clamp_is_what_fits_with_it_find(
+    size: float, objective: str, within: float, make: Maker, setup: Setup
+) -> None:
+    """By the mean of a larger and a smaller one, with which models change by up to 30 noises."""
     test = make(noise=0.02, frames=8, points=150)
-    options = {"bounds": BOUNDS, "starts": 1, "setup": setup}
-    found = fit(test, uncertainty={"radius": 0.002}, **options)
-    other = fit(replace(test, radius=100.2), **options)
-    for name in ("E1", "E2"):
-        moved = abs(other.material.values[name] - found.material.values[name])
-        assert found.uncertainty.parts[name]["radius"] == pytest.approx(moved, rel=0.15)
+    options = {"objective": objective, "bounds": BOUNDS, "starts": 1, "setup": setup}
+    found = fit(test, uncertainty={"radius": size}, **options)
+    larger, smaller = (
+        fit(replace(test, radius=radius), **options).material.values
+        for radius in (100.0 * (1 + size), 100.0 * (1 - size))
+    )
+    for name in TRUTH:
+        moved = 0.5 * abs(larger[name] - smaller[name])
+        assert found.uncertainty.parts[name]["radius"] == pytest.approx(moved, rel=within)
 
 
 def test_a_mesh_that_is_given_grows_with_the_clamp(make: Maker, setup: Setup) -> None:

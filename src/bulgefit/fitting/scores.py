@@ -15,6 +15,7 @@ score ψ J. Here are A = Σ E[ρ''] J Jᵀ, and B, the covariance of the sum of 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from scipy.spatial.distance import cdist
 from bulgefit.dic.noise import Noise
 from bulgefit.fitting.objective import Look, Objective
 
-__all__ = ["Scores"]
+__all__ = ["Changed", "Scores"]
 
 Floats = NDArray[np.floating]
 
@@ -37,6 +38,27 @@ _BLOCKS, _SECTORS = 4, 6
 #: ∫ w² over the plane for the weight w of pairs, 11π/24 of the reach squared; of pairs in one
 #: square as wide as the reach it is 1: so much less is the variance known than by such squares.
 _OF_SQUARES = 11.0 * np.pi / 24.0
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """Values of which the model changes.
+
+    Attributes
+    ----------
+    jacobian : (m, free) array
+        Of the model, by the coordinates.
+    change : (m,) array, mm
+    scale : (m,) array
+        In the objective.
+    curvature : (m,) array
+        E[ρ''].
+    """
+
+    jacobian: Floats
+    change: Floats
+    scale: Floats
+    curvature: Floats
 
 
 class Scores:
@@ -171,12 +193,13 @@ class Scores:
         rows = _filled(blocks, self._size)
         return rows.T @ rows * (len(rows) / max(len(rows) - 1, 1)), _freedom(rows)
 
-    def pull_of(self, look: Look, change: Floats) -> Floats:
-        """What a change (k, m, 3) mm of what is modelled adds to the slope, (free,)."""
+    def rows_of(self, look: Look, change: Floats) -> Changed:
+        """A change (k, m, 3) mm of what is modelled, by value that was measured."""
         seen = np.isfinite(look.residual)
-        curvature = np.array([self.curvature((look.test, c)) for c in range(3)])
-        weight = np.where(seen, look.scale[:, None] * curvature, 0.0)
-        return np.einsum("kmc,kmcp->p", weight * change, self.jacobian(look))
+        scale, curvature = np.zeros_like(look.residual), np.zeros_like(look.residual)
+        scale[:] = look.scale[:, None]
+        curvature[:] = [self.curvature((look.test, c)) for c in range(3)]
+        return Changed(self.jacobian(look)[seen], change[seen], scale[seen], curvature[seen])
 
 
 def _together(label: NDArray[np.intp], rows: Floats) -> Floats:
