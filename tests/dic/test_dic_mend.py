@@ -151,6 +151,21 @@ def test_what_does_not_tell_is_refused(made):
 
 
 @pytest.mark.parametrize(
+    ("unit", "of_a_bar"),
+    [
+        ("psi", 14.503774),
+        ("hPa", 1000.0),
+        ("mmHg", 750.06158),
+        ("mmH2O", 10197.162),
+        ("inH2O", 401.46309),
+    ],
+)
+def test_units_of_pressure(spoilt, made, unit, of_a_bar):
+    test = spoilt(f"--unit=pressure={unit}/bar", pressure=made.pressure * of_a_bar)
+    np.testing.assert_allclose(test.pressure, made.pressure, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
     ("option", "match"),
     [
         ("--unit=pressure", "WHAT=UNIT/TAKEN"),

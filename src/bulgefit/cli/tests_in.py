@@ -137,7 +137,7 @@ def add_reader_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--pressure-unit",
         metavar="UNIT",
-        help="unit of that column (bar, mbar, kPa, MPa, Pa, psi), or what one of its unit is "
+        help="unit of that column (bar, mbar, kPa, MPa, Pa, psi, mmHg), or what one of its unit is "
         "worth, e.g. 2.5bar/V of a column in V or without a unit (default: what the column states; "
         "that of names stays)",
     )

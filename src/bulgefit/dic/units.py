@@ -20,6 +20,11 @@ PRESSURE = {
     "mbar": 1e-4,
     # one pound-force on a square inch
     "psi": 4.4482216152605 / 25.4**2,
+    "hPa": 1e-4,
+    # conventional columns of mercury and of water (NIST SP 811, Thompson and Taylor, 2008, app. B)
+    "mmHg": 133.322387415e-6,
+    "mmH2O": 9.80665e-6,
+    "inH2O": 25.4 * 9.80665e-6,
 }
 TIME = {"s": 1.0, "ms": 1e-3, "min": 60.0}
 ANGLE = {"degree": 1.0, "deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
