@@ -713,6 +713,12 @@ MUTANTS = (
     ),
     Mutant("cli/_mounting.py", "(a - b) / (a + b)", "(b - a) / (a + b)", SIMULATE),
     Mutant("cli/_mounting.py", "for test in tests or [{}]]", "for test in [{}]]", SIMULATE),
+    Mutant(
+        "fitting/uncertainty.py",
+        "_steepness(part.change + part.jacobian @ step, part.curvature)",
+        "part.curvature",
+        "fitting/test_uncertainty.py",
+    ),
 )
 
 
