@@ -86,10 +86,18 @@ def test_a_clean_test_has_no_cause() -> None:
 
 
 @pytest.mark.parametrize(
-    "held", [{"clamp_slip.compliance": 0.02}, {"surface_offset.share": 0.5}], ids=["clamp", "face"]
+    ("held", "effects"),
+    [
+        ({"clamp_slip.compliance": 0.02}, [one for one in CANDIDATES if one != "clamp_slip"]),
+        # of the whole catalogue, too
+        ({"surface_offset.share": 0.5}, None),
+    ],
+    ids=["clamp", "face"],
 )
-def test_what_is_held_is_in_every_model_and_not_looked_for(held: dict[str, float]) -> None:
-    found = diagnose(made({**held, "pressure_offset.offset": 0.03}), effects=None, held=held)
+def test_what_is_held_is_in_every_model_and_not_looked_for(
+    held: dict[str, float], effects: list[str] | None
+) -> None:
+    found = diagnose(made({**held, "pressure_offset.offset": 0.03}), effects=effects, held=held)
     assert found.verdict == "named"
     (cause,) = found.causes
     assert cause.effect == "pressure_offset"

@@ -81,11 +81,12 @@ def test_a_diagnosis_on_a_cluster(
     write_test(make_test("clamp_slip", 0, LITTLE).test, file)
     words = ["diagnose", str(file), "--effects", "clamp_slip,rigid_motion", "--json", "-"]
     found = []
-    for where in (["--workers", "1"], ["--workers", "2"], ["--scheduler", cluster]):
+    # one worker finds the same as two: tests/gap/test_gap_diagnose.py
+    for where in (["--workers", "2"], ["--scheduler", cluster]):
         assert main([*words, *where, "--quiet"]) == 0
         found.append(json.loads(capsys.readouterr().out))
         del found[-1]["meta"]["seconds"], found[-1]["run"]
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]
     assert found[0]["verdict"] == "named"
 
 
