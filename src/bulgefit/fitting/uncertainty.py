@@ -348,7 +348,7 @@ def _moved(
 def _steepness(change: Floats, curvature: Floats) -> Floats:
     """Slope of E|r + m| at m = change (mm) over m, in which E|r + m| begins with a curvature."""
     x = 0.5 * np.sqrt(np.pi) * curvature * np.abs(change)
-    ratio = np.divide(erf(x), x, out=np.full_like(x, 2.0 / np.sqrt(np.pi)), where=x > _NOTHING)
+    ratio = np.divide(erf(x), x, out=np.full_like(x, 2.0 / np.sqrt(np.pi)), where=x > 0.0)
     return np.asarray(0.5 * np.sqrt(np.pi) * curvature * ratio)
 
 
