@@ -354,10 +354,10 @@ def test_a_fabric_that_is_too_soft_is_made_firmer():
 
 
 def test_a_fabric_about_to_form_bands_is_too_soft():
-    """It has a shape on every mesh, another on each; on one that is a tenth firmer they agree.
+    """It is not made, though it balances on each mesh; one that is a tenth firmer is.
 
-    It is of a family of seed 1109: meshes differ by 62 µm, and a third one finds its law not
-    elliptic from 2.7 bar on.
+    It is of a family of seed 1109, whose law a third mesh finds not elliptic from 2.7 bar on. On
+    the firmer one meshes agree.
     """
     sizes = {
         "initial_shape.h0": -0.953, "prestrain.slack_x": 0.00049, "prestrain.slack_y": 0.00155,
