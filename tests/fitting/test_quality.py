@@ -153,6 +153,22 @@ def test_every_doubt_can_be_said() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("noise", "alike"), [(0.05, True), (0.01, False)])
+def test_parameters_that_are_both_well_found_can_be_told_apart(
+    make: Maker, setup: Setup, noise: float, alike: bool
+) -> None:
+    """At the apex their sum is felt, their difference hardly: to 20 %, or to 5 with less noise."""
+    test = make(noise=noise, frames=10, points=1000)
+    block = test.blocks[0]
+    near = np.argsort(np.hypot(block.reference[:, 0], block.reference[:, 1]))[:3]
+    seen = BulgeTest.from_arrays(
+        block.reference[near], block.displacement[:, near], test.pressure, name="apex"
+    )
+    found = fit(seen, bounds={**BOUNDS, "G12": (30.0, 30.0)}, starts=1, setup=setup)
+    assert abs(found.uncertainty.data_correlation["E2", "E1"]) > 0.98
+    assert ("inseparable" in {w.code for w in found.quality.warnings}) == alike
+
+
 def test_an_effect_that_is_absent_is_found_to_be(make: Maker, setup: Setup) -> None:
     """Its value is all but nothing, and its error many times that; but a small one."""
     test = make(noise=NOISE, frames=8, points=300)

@@ -171,15 +171,30 @@ def inputs(args: argparse.Namespace) -> list[Path]:
 
 
 def read_tests(args: argparse.Namespace) -> list[BulgeTest]:
-    """The tests of the command line, cut at --max-pressure."""
+    """The tests of the command line, cut at --max-pressure, if no number is beyond sense."""
     from bulgefit.cli.tests_in import tests_from
 
-    if args.max_pressure is not None and not args.max_pressure > 0.0:
-        raise InputError(f"--max-pressure {args.max_pressure:g}: give a pressure above 0 bar")
+    _check_numbers(args)
     tests = tests_from(args)
     if args.max_pressure is None:
         return tests
     return [up_to(test, args.max_pressure) for test in tests]
+
+
+def _check_numbers(args: argparse.Namespace) -> None:
+    """Refuse what no test could make sense of, before any is read: that may take a while."""
+    if args.max_pressure is not None and not args.max_pressure > 0.0:
+        raise InputError(f"--max-pressure {args.max_pressure:g}: give a pressure above 0 bar")
+    if not hasattr(args, "starts"):  # of a verb that does not search
+        return
+    if args.starts < 1:
+        raise InputError(f"--starts {args.starts}: give 1 or more")
+    if args.max_evaluations < 1:
+        raise InputError(f"--max-evaluations {args.max_evaluations}: give 1 or more")
+    if not 0.0 < args.tolerance < 1.0:
+        raise InputError(f"--tolerance {args.tolerance:g}: give a part between 0 and 1")
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: give 0 or more")
 
 
 def up_to(test: BulgeTest, bar: float) -> BulgeTest:
@@ -205,12 +220,6 @@ def search_options(args: argparse.Namespace, tests: Sequence[BulgeTest]) -> dict
     """Keyword arguments of `fit` that the options stand for."""
     from bulgefit.fitting.minimise import Limits
 
-    if args.max_evaluations < 1:
-        raise InputError(f"--max-evaluations {args.max_evaluations}: give 1 or more")
-    if not 0.0 < args.tolerance < 1.0:
-        raise InputError(f"--tolerance {args.tolerance:g}: give a part between 0 and 1")
-    if args.seed < 0:
-        raise InputError(f"--seed {args.seed}: give 0 or more")
     free = [name for name in args.free.split(",") if name]
     held = {**_held(args, free), **held_from(args, tests)}
     return {

@@ -28,6 +28,7 @@ from bulgefit.fitting.objective import Objective
 from bulgefit.model.description import check_needs
 from bulgefit.model.inflation import Shapes
 from bulgefit.model.parameters import (
+    HELD_BY_DEFAULT,
     Material,
     check_replaced,
     free_parameters,
@@ -150,6 +151,7 @@ class Problem:
             for name in (p.name for p in parameters_of(kind))
             if Key("", name) not in self.keys
         }
+        self._check_held_ratio()
         self.held_effects = {key: value for key, value in fixed.items() if key.effect}
         self.priors = {
             own: _possible(prior, key)
@@ -172,6 +174,24 @@ class Problem:
         other = copy(self)
         other.all_data = True
         return other
+
+    def _check_held_ratio(self) -> None:
+        """Refuse a Poisson's ratio with which no moduli within the bounds are admissible.
+
+        Where any are, the largest E1 beside the least E2 is: E1/E2 has to exceed nu12².
+        """
+        if not any(name in HELD_BY_DEFAULT for name in self.held):
+            return
+        pairs = zip(self.keys, self.free, strict=True)
+        best = {
+            key.name: p.upper if key.name == "E1" else p.lower for key, p in pairs if not key.effect
+        }
+        try:
+            Material(self.kind, {**self.held, **best}).stiffness()
+        except InputError as error:
+            raise InputError(
+                f"no moduli within their bounds go with what is held: {error}"
+            ) from None
 
     def _meant(self, key: Key, where: str) -> list[Key]:
         """What is free by a key: itself, or each test's own where it names no test; InputError."""

@@ -234,7 +234,7 @@ def quality_of(
             ),
             *_about_result(problem, z, bounded, explained, descents),
             *_about_structure(structured, explained),
-            *_about_errors(problem, bounded, errors, words),
+            *_about_errors(problem, z, bounded, errors, words),
             *(_of_conflict(belief) for belief in beliefs if belief.conflicts),
             *_about_search(problem, z, descents, others, agreeing),
             *_about_noise(objective, left),
@@ -258,16 +258,9 @@ def _misfit(
 
 
 def _words(parameter: Parameter, value: float, error: float | None) -> str:
-    """How well a parameter is found.
-
-    Of an effect that is absent the value is all but nothing, however well that is known. So its
-    error is measured by what was thought possible, where its distance from the null is less.
-    """
-    name, null, width = parameter.name, parameter.null, parameter.prior
-    if null is None or math.isinf(width):
-        of_effect, size = False, abs(value)
-    else:
-        of_effect, size = True, max(abs(value - null), width)
+    """How well a parameter is found."""
+    name, width = parameter.name, parameter.prior
+    of_effect, size = _size(parameter, value)
     if error is None or error > _HARDLY * size:
         return f"{name} cannot be found from this test"
     share = f"{plain(100 * error / size, 2)} %"
@@ -277,6 +270,22 @@ def _words(parameter: Parameter, value: float, error: float | None) -> str:
     within = f"{error:.2g}{after_value(parameter.unit)}" if of_effect else share
     roughly = "" if error <= _WELL * size else " roughly,"
     return f"{name} is found{roughly} within {within}"
+
+
+def _size(parameter: Parameter, value: float) -> tuple[bool, float]:
+    """Whether a parameter is an effect's, and what its error is measured by.
+
+    Of an effect that is absent the value is all but nothing, however well that is known. So it is
+    what was thought possible, where its distance from the null is less.
+    """
+    null, width = parameter.null, parameter.prior
+    if null is None or math.isinf(width):
+        return False, abs(value)
+    return True, max(abs(value - null), width)
+
+
+def _is_well_found(parameter: Parameter, value: float, error: float | None) -> bool:
+    return error is not None and error <= _WELL * _size(parameter, value)[1]
 
 
 def _about_result(
@@ -313,15 +322,22 @@ def _about_noise(objective: Objective, left: Sequence[Noise | None]) -> Iterator
 
 
 def _about_errors(
-    problem: Problem, bounded: NDArray[np.bool_], errors: Uncertainty, words: Mapping[str, str]
+    problem: Problem,
+    z: Floats,
+    bounded: NDArray[np.bool_],
+    errors: Uncertainty,
+    words: Mapping[str, str],
 ) -> Iterator[Warned]:
     """What cannot be said of the parameters."""
     points = _points(problem.objective)
     if problem.size > 1 and points < problem.size:
         count = number_of(points, "point")
         yield Doubt.TOO_FEW_POINTS.of(points=count, parameters=problem.size)
+    values = problem.values(z)
+    well = {p.name: _is_well_found(p, values[p.name], errors.stderr[p.name]) for p in problem.free}
     for (a, b), correlation in errors.data_correlation.items():
-        if abs(correlation) > _ALIKE:
+        # what is known of both does not hang on a prior, or on holding one
+        if abs(correlation) > _ALIKE and not (well[a] and well[b]):
             yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
     # an effect that is not seen may be absent
     lost = [

@@ -17,6 +17,7 @@ from bulgefit.errors import InputError, needed
 from bulgefit.fem.elasticity import STIFFEST, isotropic_constants, orthotropic_stiffness
 
 __all__ = [
+    "HELD_BY_DEFAULT",
     "MATERIALS",
     "Material",
     "as_effects",
