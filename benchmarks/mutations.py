@@ -211,8 +211,8 @@ MUTANTS = (
     ),
     Mutant(
         "fitting/quality.py",
-        "size = True, max(abs(value - null), width)",
-        "size = True, min(abs(value - null), width)",
+        "return True, max(abs(value - null), width)",
+        "return True, min(abs(value - null), width)",
         "fitting/test_quality.py",
     ),
     Mutant("fitting/optima.py", "0.5 * (z + end)", "end", NEWS),
