@@ -37,6 +37,7 @@ from bulgefit.gap.pace import Pace, Stage
 from bulgefit.parallel.workers import open_executor
 from bulgefit.trial.family import make_family
 from bulgefit.trial.make import Recipe, make_test
+from sections import marked, put
 
 KINDS = ("none", "clamp_slip", "rigid_motion", "two", "five", "soft_patch", "beside", "family")
 #: Spacing (mm) that gives some 2,000 points.
@@ -210,7 +211,7 @@ def main() -> None:
         ]
     text = page(rows, args.workers, args.beside)
     if args.write:
-        args.write.write_text(text, encoding="utf-8")
+        put(marked("time", text), args.write)
     print(text)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 import bulgefit
 from bulgefit.trial.make import make_test
-from made_fits import put
+from sections import marked, put
 
 EFFECT, SHARE = "surface_offset", "surface_offset.share"
 MODULI = ("E1", "E2", "G12")
@@ -35,7 +35,6 @@ WAYS: dict[str, Any] = {
     "the true share held": lambda true: {"held": {SHARE: true}},
     "the share free": lambda true: {"effects": (EFFECT,)},
 }
-BEGIN, END = "<!-- face -->", "<!-- end of face -->"
 
 
 def fits_of(seed: int) -> dict[str, dict[str, float]]:
@@ -67,7 +66,7 @@ def page(tests: list[dict[str, dict[str, float]]], command: str) -> str:
     shares = np.abs([test["the share free"]["share"] for test in tests])
     table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
     return (
-        f"{BEGIN}\n## The face that is seen\n\n"
+        "## The face that is seen\n\n"
         "DIC follows a face of the cloth. The membrane is its middle, and where that bulges, the "
         "face goes outwards by half the thickness times the slope: 0.25 mm beside the rim of a "
         "disc of 100 mm and 0.81 mm at 3 bar, ten times the noise of good DIC. `--with "
@@ -77,7 +76,7 @@ def page(tests: list[dict[str, dict[str, float]]], command: str) -> str:
         f"Made by `{command}` ({platform.machine()}, Python {platform.python_version()}): median "
         f"and largest |found/true - 1| of {len(tests)} made tests with 0.2 to 0.6 of the "
         f"thickness, by the default objective.\n\n{table}\n\nFree, the share is found to "
-        f"{np.median(shares):.4f} (median) and {shares.max():.4f} (largest).\n{END}\n"
+        f"{np.median(shares):.4f} (median) and {shares.max():.4f} (largest)."
     )
 
 
@@ -91,7 +90,7 @@ def main() -> int:
     tests = [fits_of(seed) for seed in range(args.first, args.first + args.tests)]
     made = page(tests, f"python benchmarks/face.py --tests {args.tests} --first {args.first}")
     if args.write is not None:
-        put(made, args.write)
+        put(marked("face", made), args.write)
     print(made)
     return 0
 

@@ -4,8 +4,8 @@
                              [--write docs/fit.md]
 
 Each fit runs in a process of its own and starts from a file, through the public functions. With
---write the page keeps its sections that are not run. The section cases compares two methods on
-made tests and, where ../shared/data is there, on the study's.
+--write the page gets the sections that are run. The section cases compares two methods on made
+tests and, where ../shared/data is there, on the study's.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"
 import argparse
 import itertools
 import json
-import platform
-import re
 import resource
 import subprocess
 import sys
@@ -29,6 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from sections import marked, put
 
 HERE = Path(__file__).resolve().parents[1]
 FRAMES = 49
@@ -432,115 +432,6 @@ def compared(folder: Path, data: Path) -> list[str]:
     ]  # fmt: skip
 
 
-#: The section that benchmarks/made_fits.py writes into the same page.
-MADE_FITS = "made_fits"
-
-INTRODUCTION = """# How a fit searches, and what it costs
-
-Made by `python benchmarks/fit.py`; {machine}, Python {python}. Do not edit: every figure is
-measured.
-
-A fit starts from scrambled-Sobol points of the bounds and descends from each by the same method:
-
-- `gauss-newton` (default): the residuals are made linear in the coordinates (log moduli), and the
-  sum of their absolute values is minimised within a trust region and the bounds, by reweighted
-  least squares. Above 100,000 measured values descents look at a fixed sample of the points; the
-  last one, from the best end, takes value and slope from all of them and the curvature alone from
-  the sample: its steps end where the slope of all data vanishes, so the optimum is that of all. It
-  stops where no step promises to move a parameter by a hundredth of its standard error, as refits
-  of a bootstrap do; those before it, where none promises a millionth of the sum.
-- `L-BFGS-B`, or any other scipy minimiser, with the exact gradient where it takes one.
-
-A solve that fails is told to the minimiser as the worst value so far, and counted.
-
-Starts, the starts of all folds of a cross-validation, and bootstrap refits go through one
-`executor` of `concurrent.futures`: threads by default (`--workers`; processes with
-`--bootstrap`), or the workers of a Dask cluster (`--scheduler tcp://host:port`,
-`bulgefit[cluster]`). Measured data go to each worker process once, however many calls use them
-with the same executor (a fit and its `--bootstrap`, the three of a `--cross-table`); a Dask worker
-whose idle copy the cluster gave up in between fetches it from another one. Work that is lost with
-a process is done again, and since every task runs on one BLAS thread the result is the same to the
-last bit. This is so on machines of one kind with the same versions; a cluster whose workers have
-other versions is refused.
-
-## Bounds and starts
-
-Unless they are given, bounds come from the tests themselves. A spherical cap through the rim and
-the apex carries p R/2 per length at a strain that follows from its length; that is a modulus
-(Beams, 1959). It is right within a third up to strains of some 10 %. E1 and E2 are bounded by an
-eighth and eight times it, G12 by a two hundredth and itself; starts are scattered from half to
-twice it (G12: a fortieth to a fifth). A parameter that ends at a bound is no result: that is said
-first, and it has no error and no interval.
-
-## Effects in a fit
-
-`--with clamp_slip,initial_shape` frees effects, `--with clamp_shape.ellipticity` one parameter,
-beside the moduli; `--hold clamp_slip.compliance=0.02` sets one; `--from gap.json` sets what a
-diagnosis found. What belongs to the cloth is shared by several tests, all else is each test's own
-(`effect.parameter@0`). An effect that no test can tell apart (`pressure_gain`) can be held, not
-fitted. [house.md](house.md) lists them.
-
-`--prior E1=300+-60` says what is believed of a fitted parameter. It joins a likelihood as
-½ ((v - m)/s)². A sum of absolute deviations F over n values that count is, up to a constant, minus
-the logarithm of a Laplace likelihood of unknown scale, n ln F; so there the prior weighs F/n times
-as much, and what falls is F exp(((v - m)/s)²/2n).
-
-## How sure is a fit?
-
-Every fit tells standard errors and 95 % intervals. With ψ the derivative of what a residual costs
-and J that of the model, the covariance is A⁻¹ B A⁻¹, A = Σ E[ψ'] J Jᵀ, B the covariance of Σ ψ J
-(Huber, 1967). B is always of all data; A, a mean, is that of the sample where there is one. B is
-summed in two ways:
-
-- over pairs of neighbours in a frame (Conley, 1999), as far as the noise's correlation reaches: the
-  noise alone (`stderr_noise`). Pairs count fully up to two correlation lengths, and not at all
-  beyond four: so nothing is lost at edges, as it is between cells (Politis and Romano, 1995). The
-  length is told by static frames, else by how what the fit leaves differs from frame to frame. With
-  fewer than eight loaded frames neither is there, and two lengths are an eighth of the radius.
-  Where a tenth of the noise or more is in every frame, pairs in different frames count as well;
-- over blocks of frames times sectors of the disc, within which residuals may be alike in any way
-  (Liang and Zeger, 1986): also what the model misses, which changes slowly with pressure and place
-  (`stderr_blocks`).
-
-The larger of the two is told, both where they differ by more than a fifth. To its square come those
-of what is left of the mesh's error, and of what `--uncertainty thickness=0.02` (also radius,
-pressure, nu12) states, each by what it moves the optimum (`stderr_parts`); a statement that leaves
-no equilibrium is said to be left out, and nu12 cannot be fitted beside it. Intervals are Student's
-in the logarithm of a modulus, with as many degrees of freedom as the sum of squares has
-(Satterthwaite, 1946): few, where few places tell most.
-
-What they hold is in the table below. They do not hold what every frame and place shares: an effect
-that is in the test and not in the model. The first lines of every fit speak of that: the misfit
-over the noise, and the share of it that is structure. Where that is large, diagnose first.
-
-`--bootstrap N` (20 or more) refits to whole frames drawn with replacement, in runs of neighbours.
-It shows the same as the blocks do, at N times the cost.
-
-## The mesh's error
-
-Fields between the nodes are smooth (polyharmonic splines). The error of the nodes falls with the
-square of the cells, so a finer mesh tells it; it is taken off at the start and again, twice, at
-the optimum, and a coarser mesh judges what is left, in mm, beside the noise. Once is too little:
-the first optimum is that with the error of another place, and moduli of data without noise were a
-third of a standard error off by it; after the second time, a twentieth. Where that is more than a
-third of the noise, the fit says so. `--keep-mesh-error` leaves it in; `--study` is the published
-study's way, on its mesh.
-"""
-
-
-def sections(text: str) -> dict[str, str]:
-    """The sections of a page by their key, as the comments above them name it."""
-    parts = re.split(r"^<!-- (\w+) -->\n", text, flags=re.MULTILINE)
-    return dict(zip(parts[1::2], (part.strip() for part in parts[2::2]), strict=True))
-
-
-def page(found: dict[str, str], order: Iterable[str]) -> str:
-    """The whole page."""
-    head = INTRODUCTION.format(machine=platform.machine(), python=platform.python_version())
-    parts = [f"<!-- {key} -->\n{found[key]}" for key in order if key in found]
-    return "\n\n".join([head.strip(), *parts]) + "\n"
-
-
 def main() -> None:
     """Run what was asked for and write the page."""
     parser = argparse.ArgumentParser(
@@ -548,16 +439,13 @@ def main() -> None:
     )
     parser.add_argument("--only", default="scale,methods,growth,workers,cases")
     parser.add_argument("--data", type=Path, default=HERE.parent / "shared/data")
-    parser.add_argument("--write", type=Path, help="write the page here (default: print it)")
+    parser.add_argument("--write", type=Path, help="page that gets the sections")
     parser.add_argument("--run", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.run:
         job = json.loads(args.run)
         print(json.dumps({"run": run, "share": share}[job["task"]](job)))
         return
-    found = {}
-    if args.write is not None and args.write.is_file():
-        found = sections(args.write.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         known: dict[str, Callable[[], list[str]]] = {
@@ -569,17 +457,15 @@ def main() -> None:
         }
         for key in args.only.split(","):
             before = os.getloadavg()[0]
-            found[key] = "\n".join(known[key]()).strip()
-            found[key] += (
+            text = "\n".join(known[key]()).strip() + (
                 f"\n\nOther work on the machine: load {before:.1f} on {os.cpu_count()} cores when "
                 "this began."
             )
-            print(found[key], file=sys.stderr, flush=True)
+            made = marked(key, text)
+            print(made, flush=True)
             # after each, so that a benchmark that is interrupted leaves what it found
             if args.write is not None:
-                args.write.write_text(page(found, [*known, MADE_FITS]), encoding="utf-8")
-    if args.write is None:
-        print(page(found, [*known, MADE_FITS]))
+                put(made, args.write)
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.journal import journaled
+from sections import marked, put
 
 Floats = NDArray[np.float64]
 
@@ -364,7 +365,7 @@ def main() -> None:
         args.json.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     text = page(record, left_out, args.law)
     if args.write:
-        args.write.write_text(text, encoding="utf-8")
+        put(marked("gap", text), args.write)
     print(text)
 
 

@@ -18,7 +18,6 @@ os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"
 import argparse
 import json
 import platform
-import re
 import sys
 import time
 from collections.abc import Iterable
@@ -31,13 +30,13 @@ from scipy.stats import binomtest
 
 import bulgefit
 from bulgefit.trial.make import Recipe, make_test
+from sections import marked, put
 
 #: What is wanted: per cent of the moduli, share of the intervals that hold the truth.
 WANTED = {"E1": 0.3, "E2": 0.3, "G12": 2.0}
 HELD = (0.93, 0.97)
 #: What is fitted of each test.
 WAYS = ("as it is", "static left out")
-BEGIN, END = "<!-- made_fits -->", "<!-- end of made fits -->"
 
 
 def fitted(test: bulgefit.BulgeTest) -> dict[str, Any]:
@@ -101,7 +100,7 @@ def page(tests: list[dict[str, Any]], command: str) -> str:
     table = "\n".join("| " + " | ".join(r) + " |" for r in [head, ["---"] * len(head), *rows])
     seconds = np.median([t[way]["seconds"] for t in tests for way in WAYS])
     return (
-        f"{BEGIN}\n## Tests in which nothing is wrong\n\n"
+        "## Tests in which nothing is wrong\n\n"
         f"Made by `{command}` ({platform.machine()}, Python {platform.python_version()}): "
         f"{len(tests)} tests of the blind trial's maker without an effect, some 1,300 points, "
         f"20 loaded and 4 static frames each. *Median*, *largest*: of |found/true - 1|. *Interval "
@@ -111,16 +110,8 @@ def page(tests: list[dict[str, Any]], command: str) -> str:
         f"that the noise is judged by the loaded frames alone. Median time of a fit "
         f"{seconds:.1f} s.\n\n"
         f"{table}\n\nWanted: {WANTED['E1']:g} % of E1 and E2, {WANTED['G12']:g} % of G12, "
-        f"intervals that hold {100 * HELD[0]:.0f} to {100 * HELD[1]:.0f} %.\n{END}\n"
+        f"intervals that hold {100 * HELD[0]:.0f} to {100 * HELD[1]:.0f} %."
     )
-
-
-def put(section: str, page: Path) -> None:
-    """Write a section, whose first and last lines are marks, into a page; an earlier one goes."""
-    first, *_, last = section.splitlines()
-    old = re.compile(re.escape(first) + ".*" + re.escape(last) + "\n", re.DOTALL)
-    kept = old.sub("", page.read_text(encoding="utf-8")).rstrip("\n") + "\n\n"
-    page.write_text(kept + section, encoding="utf-8")
 
 
 def main() -> int:
@@ -134,7 +125,7 @@ def main() -> int:
     tests = every(range(args.first, args.first + args.tests), args.keep)
     made = page(tests, f"python benchmarks/made_fits.py --tests {args.tests} --first {args.first}")
     if args.write is not None:
-        put(made, args.write)
+        put(marked("made_fits", made), args.write)
     print(made)
     return 0
 

@@ -17,7 +17,6 @@ from trial_page import section
 import argparse  # isort: skip
 import json
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -29,6 +28,7 @@ from bulgefit.errors import BulgefitError
 from bulgefit.trial.folder import answered_in
 from bulgefit.trial.recording import Recipe
 from bulgefit.trial.score import judge, score
+from sections import marked, put
 
 #: One for each part; no other run has them.
 SEEDS = tuple(range(1119, 1125))
@@ -40,7 +40,6 @@ KEPT = Path(__file__).parent / "final"
 SAID = (
     "verdict", "error", "causes", "fields", "law", "scatter", "parameters", "gap", "seconds",
 )  # fmt: skip
-BEGIN, END = "<!-- final test -->", "<!-- end of the final test -->"
 
 
 def commit() -> str:
@@ -99,8 +98,7 @@ def page(parts: Sequence[dict[str, Any]]) -> str:
         "hours of one core."
     )
     title = f"The final test: {len(records)} of {NUMBER * len(SEEDS)} tests"
-    made = section(title, words, score(records), [judge(record) for record in records])
-    return f"{BEGIN}\n{made}\n{END}\n"
+    return section(title, words, score(records), [judge(record) for record in records])
 
 
 def main() -> None:
@@ -124,11 +122,7 @@ def main() -> None:
     parts = [list(map(json.loads, file.read_text("utf-8").splitlines())) for file in files]
     made = page([{**asked, "records": records} for asked, *records in parts])
     if args.write:
-        old = args.write.read_text(encoding="utf-8")
-        marks = re.compile(re.escape(BEGIN) + ".*" + re.escape(END) + "\n", re.DOTALL)
-        if not marks.search(old):
-            parser.error(f"{args.write}: has no place between {BEGIN} and {END}")
-        args.write.write_text(marks.sub(lambda _: made, old), encoding="utf-8")
+        put(marked("final test", made), args.write)
     print(made)
 
 

@@ -36,12 +36,11 @@ from bulgefit.trial.draw import Draw, draw
 from bulgefit.trial.fabric import UnstableDrawError
 from bulgefit.trial.recording import Recipe, place, record
 from bulgefit.trial.signature import noise_free
-from made_fits import put
+from sections import marked, put
 
 KINDS = ("two", "three", "four", "five", "six")
 #: mm: a tenth of the least noise of the trial's tests, in plane and out of plane.
 ALLOWED = np.array([0.5e-3, 0.5e-3, 1e-3])
-BEGIN, END = "<!-- two programs -->", "<!-- end of two programs -->"
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,6 @@ def table(found: Sequence[Compared], number: int, seed: int) -> str:
     apart = 1e3 * np.array([one.apart for one in found])
     pairs = {pair for one in found for pair in combinations(sorted(one.drawn.effects), 2)}
     lines = [
-        BEGIN,
         f"Made by `python benchmarks/two_programs.py --number {number} --seed {seed}` "
         f"({platform.machine()}, Python {platform.python_version()}): of {len(found)} draws "
         f"without a reference state, in which {len(pairs)} pairs of effects meet, by how much (µm, "
@@ -101,7 +99,7 @@ def table(found: Sequence[Compared], number: int, seed: int) -> str:
     for one in wide:
         off = ", ".join(f"{1e3 * value:.1f}" for value in one.apart)
         lines.append(f"- draw {one.number}, {off} µm: {', '.join(one.drawn.effects)}")
-    return "\n".join([*lines, END, ""])
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -123,7 +121,7 @@ def main() -> None:
     text = table(found, args.number, args.seed)
     print(text)
     if args.write:
-        put(text, args.write)
+        put(marked("two programs", text), args.write)
 
 
 if __name__ == "__main__":
