@@ -10,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+BENCHMARKS = ROOT / "benchmarks"
 VERIFICATION = (DOCS / "verification.md").read_text(encoding="utf-8")
 CHANGES = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
@@ -26,7 +27,7 @@ def test_tests_that_are_named_exist():
 
 
 def test_mutants_that_are_told_are_those_that_are_tried():
-    mutants = runpy.run_path(str(ROOT / "benchmarks" / "mutations.py"))["MUTANTS"]
+    mutants = runpy.run_path(str(BENCHMARKS / "mutations.py"))["MUTANTS"]
     rows = [line for line in VERIFICATION.splitlines() if re.search(r"\| `test_\w+\.py::", line)]
     for row, one in zip(rows, mutants, strict=True):
         assert row.startswith(f"| `{one.file}` | `{one.old}` | `{one.new}` | ")
@@ -52,3 +53,28 @@ def test_links_of_pages_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         if not target.startswith("https://"):
             assert (DOCS / target).exists(), target
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("*.md")))
+def test_every_mark_of_a_section_that_a_command_makes_has_its_end(page):
+    """And commands that make one have its name: what they make would be put at the end else."""
+    marks = re.findall(r"^<!-- (.+) -->$", (DOCS / page).read_text(encoding="utf-8"), re.MULTILINE)
+    assert marks[1::2] == [f"end of {name}" for name in marks[::2]]
+    made = "".join(path.read_text(encoding="utf-8") for path in BENCHMARKS.glob("*.py"))
+    for name in marks[::2]:
+        assert f'marked("{name}", ' in made or f'"{name}": lambda: ' in made, name
+
+
+def test_a_section_goes_where_it_stood_and_what_is_beside_it_stays(tmp_path):
+    sections = runpy.run_path(str(BENCHMARKS / "sections.py"))
+    marked, put = sections["marked"], sections["put"]
+    page = tmp_path / "page.md"
+    for text in (r"a \1", "b"):
+        put(marked("one", text), page)
+        put(marked("two", text), page)
+        page.write_text(page.read_text(encoding="utf-8") + "\nby hand\n", encoding="utf-8")
+    put(marked("one", "c\n\nd\n"), page)
+    assert page.read_text(encoding="utf-8") == (
+        "<!-- one -->\nc\n\nd\n<!-- end of one -->\n\n<!-- two -->\nb\n<!-- end of two -->\n"
+        "\nby hand\n\nby hand\n"
+    )
