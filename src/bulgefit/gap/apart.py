@@ -42,10 +42,13 @@ def taken_apart(
     baseline: Regression,
     executor: Executor,
     known: Mapping[Model, Fit],
+    *,
+    believed: bool,
 ) -> tuple[list[Owned], dict[Owned, Regression | None], list[Step]]:
     """Groups by what they take off, the model without each, and the way there from the moduli.
 
     Smaller models that the search has been at, over fewer points, are gone on with from there.
+    What is `believed` of the moduli is so without each part, too; the baseline does not heed it.
     """
     names = sorted(name for name, _ in fit.model)
 
@@ -57,7 +60,9 @@ def taken_apart(
     scattering = [g.id for g in layout.groups.values() if g.always and g.id != MATERIAL]
     more = creased or bool(scattering)
     beside = (weighing, layout)
-    alone = (_refit(beside, begun(freeze({}))) or baseline) if more and names else baseline
+    alone = baseline
+    if names and (more or believed):
+        alone = _refit(beside, begun(freeze({}))) or baseline
 
     rests: list[Regression | None] = [alone] * len(names)
     if len(names) > 1:
@@ -72,13 +77,13 @@ def taken_apart(
     names.sort(key=worth, reverse=True)
     # the way up: what is taken out last, and with it all that are worth more, stands first
     last_but_one = [without[names[-1]]] if len(names) > 1 else []
-    fits = [alone, *_between(weighing, layout, fit, names), *last_but_one, final]
-    steps, last = [], alone
+    fits = [*_between(weighing, layout, fit, names), *last_but_one, final]
+    steps, last = [], baseline
     if more:
         last = alone if names else final
         creases = [Owned(CREASES)] if creased else []
         steps.append(Step((*scattering, *creases), baseline, last))
-    for name, after in zip(names, fits[1:], strict=True) if names else ():
+    for name, after in zip(names, fits, strict=True) if names else ():
         steps.append(Step((name,), last, after or last))
         last = after or last
     return names, without, steps

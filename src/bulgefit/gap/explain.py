@@ -99,7 +99,7 @@ def explain(
     pace.begins(Stage.PARTS)
     say("the model without each of its parts")
     groups, without, steps = taken_apart(
-        weighing, layout, fit, final, baseline, executor, search.fits
+        weighing, layout, fit, final, baseline, executor, search.fits, believed=bool(priors)
     )
     evidence = {g: _evidence(chances, coordinates, layout, fit, g, without[g]) for g in groups}
     keys = {g: _keys(coordinates, layout, fit.model, g) for g in groups}
