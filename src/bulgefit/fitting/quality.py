@@ -336,7 +336,7 @@ def _about_errors(
     values = problem.values(z)
     well = {p.name: _is_well_found(p, values[p.name], errors.stderr[p.name]) for p in problem.free}
     for (a, b), correlation in errors.data_correlation.items():
-        # what is known of both does not hang on a prior, or on holding one
+        # where both are known, be it by a prior, they are told apart however alike they act
         if abs(correlation) > _ALIKE and not (well[a] and well[b]):
             yield Doubt.INSEPARABLE.of(first=a, second=b, by=correlation)
     # an effect that is not seen may be absent
