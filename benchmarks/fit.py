@@ -437,7 +437,7 @@ def compared(folder: Path, data: Path) -> list[str]:
 
 
 def main() -> None:
-    """Run what was asked for and write the page."""
+    """Run what was asked for and write the sections."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

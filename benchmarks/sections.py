@@ -1,4 +1,4 @@
-"""What a command makes of a page: a section between marks. What stands beside them is written."""
+"""What commands make of a page: sections between marks. All beside them is written by hand."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from bulgefit.fitting.bootstrap import bootstrap
 from bulgefit.fitting.crossval import crossval
 from bulgefit.fitting.evaluate import evaluate
 from bulgefit.fitting.fit import fit, weighed
+from bulgefit.fitting.guess import bounds_from
 from bulgefit.fitting.minimise import Limits, _Model, descend
 from bulgefit.fitting.objective import Objective
 from bulgefit.fitting.options import FitOptions, options_from
@@ -273,3 +275,16 @@ def test_what_is_one_tests_own_is_of_a_test_that_there_is(
         FitOptions(held=effects, setup=setup).problem(tests[:1])
     with pytest.raises(InputError, match=r"held: .*@1 is of one test alone, and each fold leaves"):
         crossval(tests, held=effects, setup=setup)
+
+
+def test_a_ratio_that_an_effect_takes_the_place_of_need_not_go_with_any_moduli(
+    make: Callable[..., BulgeTest],
+) -> None:
+    test = replace(make(frames=4, points=60), poisson_ratio=1.2)
+    # E1/E2 up to 1.33, where 1.44 would be needed
+    bounds = {"E1": (100.0, 200.0), "E2": (150.0, 300.0)}
+    assert bounds_from([test]) == bounds_from([replace(test, poisson_ratio=0.5)])
+    with pytest.raises(InputError, match="no moduli within their bounds go with what is held"):
+        Problem(Objective([test], "e_w"), bounds=bounds)
+    Problem(Objective([test], "e_w"), bounds=bounds, effects=["poisson_ratio"])
+    Problem(Objective([test], "e_w"), bounds=bounds, held={"poisson_ratio.nu12": 0.3})

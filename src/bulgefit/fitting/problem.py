@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.effects.parameter import Key, Parameter, by_key, of_specimen
+from bulgefit.effects.registry import parameter_named
 from bulgefit.errors import InputError, SolveError
 from bulgefit.fitting.free import (
     AT_BOUND,
@@ -151,8 +152,8 @@ class Problem:
             for name in (p.name for p in parameters_of(kind))
             if Key("", name) not in self.keys
         }
-        self._check_held_ratio()
         self.held_effects = {key: value for key, value in fixed.items() if key.effect}
+        self._check_held_ratio()
         self.priors = {
             own: _possible(prior, key)
             for key, prior in by_key(priors or {}).items()
@@ -178,9 +179,12 @@ class Problem:
     def _check_held_ratio(self) -> None:
         """Refuse a Poisson's ratio with which no moduli within the bounds are admissible.
 
-        Where any are, the largest E1 beside the least E2 is: E1/E2 has to exceed nu12².
+        Where any are, the largest E1 beside the least E2 is: E1/E2 has to exceed nu12². It is not
+        asked of a ratio that an effect takes the place of.
         """
-        if not any(name in HELD_BY_DEFAULT for name in self.held):
+        acting = [key for key in (*self.keys, *self.held_effects) if key.effect]
+        replaced = any(parameter_named(key.name).null is None for key in acting)
+        if replaced or not any(name in HELD_BY_DEFAULT for name in self.held):
             return
         pairs = zip(self.keys, self.free, strict=True)
         best = {

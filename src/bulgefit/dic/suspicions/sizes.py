@@ -32,6 +32,8 @@ _YARNS = 50.0
 # A sheet whose span is less than this many times its thickness is a plate, not a membrane
 # (Ventsel and Krauthammer, Thin Plates and Shells, 2001, sect. 1.1: 80 to 100).
 _MEMBRANE = 80.0
+# Poisson's ratio of a sheet that keeps its volume.
+_INCOMPRESSIBLE = 0.5
 
 _UNIT = "bulgefit convert IN OUT --unit pressure=UNIT/TAKEN, such as psi/bar or MPa/bar"
 
@@ -164,9 +166,12 @@ def implied_stiffness(
     rise : float or array, mm
     radius : float, mm
     poisson_ratio : float
+        More than a half, which cloth may have along a stiff warp, counts as that: no sheet that is
+        alike all round has more.
     """
     pressure, rise = np.asarray(pressure, dtype=float), np.asarray(rise, dtype=float)
     curvature_radius = (radius**2 + rise**2) / (2 * rise)
     half_angle = 2 * np.arctan2(rise, radius)
     strain = np.log(half_angle * curvature_radius / radius)
-    return np.asarray((1 - poisson_ratio) * pressure * curvature_radius / 2 / strain)
+    shrink = 1 - min(poisson_ratio, _INCOMPRESSIBLE)
+    return np.asarray(shrink * pressure * curvature_radius / 2 / strain)
