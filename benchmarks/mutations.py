@@ -172,8 +172,8 @@ MUTANTS = (
     Mutant("dic/units.py", '"mbar": 1e-4', '"mbar": 1e-5', "dic/formats/test_formats_pressures.py"),
     Mutant(
         "dic/suspicions/sizes.py",
-        "(1 - poisson_ratio) * pressure",
-        "(1 + poisson_ratio) * pressure",
+        "1 - min(poisson_ratio",
+        "1 + min(poisson_ratio",
         "dic/test_dic_suspicions.py",
     ),
     # fits
