@@ -134,9 +134,9 @@ class Attempt:
 
         A group or two that stand for fewer are dropped or swapped by one change, which was tried.
         """
+        improved(self.search, self.search.best)
         if len(self.search.best.model) > 2:
             self.ways.from_below()
-        improved(self.search, self.search.best)
         self.ways.from_fields()
         closely(self.search, self.ways.named)
         return self

@@ -43,7 +43,7 @@ def improved(
         Where it begins.
     fewer : int, optional
         Go no further by models of so many groups, unless one is the best of all; nor where as
-        many changes as are left, each as good as the next one, lead to no better one. What one
+        many changes as are left, the best of them together, lead to no better one. What one
         change gains after another falls, as a rule (Das and Kempe, 2011, "Submodular meets
         spectral").
     to_noise : bool
@@ -134,10 +134,11 @@ def _changed(
         return None
     tried = sorted(options, key=lambda o: o[0])[:TRIES]
     if changes is not None:
-        gain = here - tried[0][0]
-        if fit.score - changes * gain > min(search.best.score, goal):
+        most = _most_gained(fit.model, [(here - score, model) for score, model in options], changes)
+        if fit.score - most > min(search.best.score, goal):
             return None
-    elif (together := _of_each_specimen(fit.model, options)) is not None:
+    together = _of_each_specimen(fit.model, options)
+    if together is not None and (changes is None or len(together) - len(fit.model) <= changes):
         forecast = forecast_of(together)
         tried = [(forecast, together)] * (forecast < tried[0][0]) + tried
     for _, model in tried:
@@ -145,6 +146,18 @@ def _changed(
         if found is not None and found.score < fit.score:
             return found
     return None
+
+
+def _most_gained(model: Model, options: Iterable[tuple[float, Model]], changes: int) -> float:
+    """What so many changes of a model gain at most, of other groups each, by what each gains alone.
+
+    None gains more after others than before them, as a rule.
+    """
+    best = dict[Owned, float]()
+    for gain, other in options:
+        name = min(other - model or model - other)[0]  # of two forms either one
+        best[name] = max(gain, best.get(name, 0.0))
+    return sum(sorted(best.values(), reverse=True)[:changes])
 
 
 def _of_each_specimen(model: Model, options: Iterable[tuple[float, Model]]) -> Model | None:
