@@ -39,6 +39,7 @@ from bulgefit.gap.regress import Regression
 from bulgefit.gap.residual.measure import gap_of, weight_of
 from bulgefit.gap.specimen import Specimen
 from bulgefit.parallel.journal import journaled
+from bulgefit.parallel.workers import open_executor
 from sections import marked, put
 
 Floats = NDArray[np.float64]
@@ -351,8 +352,11 @@ def main() -> None:
         "tests": [test.checksum for test in tests],
         "left out": args.left_out,
     }
-    with journaled(args.journal, asked, resume=True) if args.journal else nullcontext():
-        found = bulgefit.diagnose(tests, law=args.law, workers=args.workers, say=_say("together"))
+    journal = journaled(args.journal, asked, resume=True) if args.journal else nullcontext()
+    with journal, open_executor(args.workers, processes=True) as pool:
+        found = bulgefit.diagnose(
+            tests, law=args.law, executor=pool, workers=args.workers, say=_say("together")
+        )
         left_out = {f"{n}": met(paths, n, args.law) for n in FIELDS} if args.left_out else {}
     rim = {f"{n}": along_the_rim(test) for n, test in zip(FIELDS, tests, strict=True)}
     record = {**found.to_dict(), "each": gaps_of_each(found, args.data), "rim": rim}

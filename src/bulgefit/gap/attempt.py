@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,10 +52,11 @@ class Attempt:
         rough: Fit,
         origin: Floats,
         say: Callable[[str], None],
+        executor: Executor | None = None,
     ) -> Attempt:
         """From the fit of everything that came first; fields from the moduli alone, too."""
         names = layout.free
-        search = Search(weighing, layout, names, say)
+        search = Search(weighing, layout, names, say, executor=executor)
         free = tuple(n for n in names if is_field(n))
         ways = Ways(search, rough.x, rough.here.near, free, origin, doubted=rough.given_up)
         return cls(weighing.data, search, ways)

@@ -6,6 +6,7 @@ Everything at once, models of it, and the best of these by all points.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +66,7 @@ def most_probable(
     origin: Floats,
     say: Callable[[str], None],
     pace: Pace,
+    executor: Executor | None = None,
     *,
     thorough: bool = False,
 ) -> Best:
@@ -84,6 +86,8 @@ def most_probable(
         Told what is tried.
     pace : Pace
         Told which stage begins.
+    executor : concurrent.futures.Executor, optional
+        Searches that do not wait for each other, side by side.
     thorough : bool
         Search by every way, also where the first leaves nothing but noise.
 
@@ -100,7 +104,7 @@ def most_probable(
         fix_units(p, rough.here.near[index])
     pace.begins(Stage.SEARCH)
     search, creases_worth = _searched(
-        prepared, coordinates, layout, rough, origin, say, pace, thorough=thorough
+        prepared, coordinates, layout, rough, origin, say, pace, executor, thorough=thorough
     )
     found = search.best
     give_back()  # what was taken for all fields at once: all points need as much again
@@ -148,6 +152,7 @@ def _searched(
     origin: Floats,
     say: Callable[[str], None],
     pace: Pace,
+    executor: Executor | None,
     *,
     thorough: bool,
 ) -> tuple[Search[Weighing], float]:
@@ -164,7 +169,7 @@ def _searched(
     weighing = Weighing(_thinned([p.data for p in prepared]), coordinates)
     # the first attempt has no name: where another is gone on with, it gives its memory back
     found, worth, enough = _begun(
-        Attempt.of(weighing, layout, rough, origin, say), pace, thorough=thorough
+        Attempt.of(weighing, layout, rough, origin, say, executor), pace, thorough=thorough
     )
     pace.begins(Stage.UNNAMED if found.has_unnamed else Stage.UNITS)
     for settle in (Attempt.finished,) if enough else (Attempt.thinned, Attempt.settled):

@@ -91,11 +91,11 @@ def diagnose(
     seed : int
         Kept for the record; the search draws nothing at random.
     executor : concurrent.futures.Executor, optional
-        Refits candidates side by side: processes, or `Client.get_executor()` of Dask; the result
-        does not depend on it. The measured data reach each process once.
+        Fits what does not wait for each other side by side: processes, or `Client.get_executor()`
+        of Dask; the result does not depend on it. The measured data reach each process once.
     workers : int
         Threads that balance frames side by side, here and in each process of an executor; where
-        no executor is given, also threads that refit candidates.
+        no executor is given, also threads that take its place.
     say : callable
         Told what is tried.
     left : callable

@@ -63,7 +63,7 @@ def explain(
     baseline : Regression
         The moduli alone.
     executor : concurrent.futures.Executor
-        Refits without each group, side by side.
+        Fits without each group, and with each field alone, side by side.
     say : callable
         Told what is tried.
     pace : Pace, optional
@@ -83,7 +83,9 @@ def explain(
     null = np.concatenate([g.null for g in coordinates.groups])
     first = starting_moduli(whole)
     start, origin = (_with_moduli(null, moduli) for moduli in (first, baseline.values))
-    best = most_probable(prepared, coordinates, start, origin, say, pace, thorough=thorough)
+    best = most_probable(
+        prepared, coordinates, start, origin, say, pace, executor, thorough=thorough
+    )
     search, weighing, fit = best.search, best.weighing, best.fit
     layout, coordinates, offsets = search.layout, search.problem.coordinates, weighing.offsets
     baseline = regress(whole, MODULI, baseline.values, [p.shapes for p in baseline.predictions])

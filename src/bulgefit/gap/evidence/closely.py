@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,10 +17,15 @@ from bulgefit.gap.evidence.neighbours import larger, smaller
 from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem, freeze
 from bulgefit.gap.evidence.search import GROWN, Search
 from bulgefit.parallel.journal import kept
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["closely"]
 
 Kind = TypeVar("Kind", bound=Problem)
+
+#: Smaller models that are fitted before it is seen whether one of them is the best: as many as
+#: machines have cores, whatever the number of workers.
+_ABREAST = 8
 
 
 def closely(
@@ -66,20 +71,35 @@ def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned |
     place of a group far from where that is absent.
     """
 
-    def changed(model: Model) -> Owned:
-        return next(iter(fit.model - model))[0]
-
-    for model in sorted(
-        smaller(search.layout, fit.model), key=lambda m: last is not None and changed(m) <= last
-    ):
-        hope = search.hoped(fit, model, fit.here)
-        less = search.fit(model, fit.x, fit.here.near, hope=hope)
-        if search.best is fit and less is not None and len(model) < len(fit.model):
-            instead = _unforeseen(search, less, changed(model), fit)
-            _in_place(replace(search, names=instead), less, fit)
+    models = sorted(
+        smaller(search.layout, fit.model),
+        key=lambda m: last is not None and _changed(fit, m) <= last,
+    )
+    for first in range(0, len(models), _ABREAST):
+        some = models[first : first + _ABREAST]
+        search.say(f"without {first + 1} to {first + len(some)} of {len(models)}")
+        search.side_by_side(_without, (search.alone(some), fit), some)
         if search.best is not fit:
-            return changed(model)
+            return _changed(fit, some[-1])
     return None
+
+
+def _changed(fit: Fit, model: Model) -> Owned:
+    """The group that a smaller model lacks, or has in a smaller form."""
+    return next(iter(fit.model - model))[0]
+
+
+def _without(shared: tuple[Search[Any], Fit], model: Model) -> list[Fit]:
+    """What is found of a smaller model than a fit's, and in the place of what it lacks."""
+    begun, fit = shared
+    search = begun.alone([model])
+    with one_blas_thread():
+        less = search.fit(model, fit.x, fit.here.near, hope=search.hoped(fit, model, fit.here))
+        led = search.best.model != fit.model
+        if not led and less is not None and len(model) < len(fit.model):
+            instead = _unforeseen(search, less, _changed(fit, model), fit)
+            _in_place(replace(search, names=instead), less, fit)
+    return [found for of, found in search.fits.items() if of != fit.model]
 
 
 def _unforeseen(search: Search[Kind], less: Fit, gone: Owned, fit: Fit) -> tuple[Owned, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +186,10 @@ class Problem(Protocol):
         SolveError
             Nothing balances there.
         """
+        ...
+
+    def afresh(self) -> Self:
+        """The same, remembering nothing of earlier solves: to the same bits in any process."""
         ...
 
     def remembering(self) -> AbstractContextManager[None]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
@@ -19,10 +20,14 @@ from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.gap.evidence.sides import best_side
 from bulgefit.gap.evidence.told import told
 from bulgefit.parallel.journal import kept
+from bulgefit.parallel.spread import spread
+from bulgefit.parallel.threads import pool_of
 
 __all__ = ["GROWN", "REACH", "Search"]
 
 Kind = TypeVar("Kind", bound=Problem)
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +38,10 @@ REACH = 2.0 * np.log(1.0 / LEAST_SHARE)
 #: Of the misfit beyond the noise: what a step gains below it does not say which group comes next,
 #: when that takes off many times as much; nor is it worth a solve before units are fixed anew.
 GROWN = 0.01
+
+
+def _nothing(what: str) -> None:
+    """Nobody is told; as a process may be sent it."""
 
 
 @dataclass(eq=False)
@@ -60,18 +69,21 @@ class Search(Generic[Kind]):
         periodic.
     looked : list of (Problem, names, Fit, Linearised)
         Where the search looked around last, which it is asked for more than once.
+    executor : concurrent.futures.Executor, optional
+        Of searches that do not wait for each other; default: this process.
     """
 
     problem: Kind
     layout: Layout
     names: tuple[Owned, ...]
-    say: Callable[[str], None] = lambda _: None
+    say: Callable[[str], None] = _nothing
     before: Model = frozenset()
     fits: dict[Model, Fit] = field(default_factory=dict)
     roughly: bool = False
     share: float = 0.0
     renewed: set[Model] = field(default_factory=set)
     looked: list[tuple[Kind, tuple[Owned, ...], Fit, Linearised]] = field(default_factory=list)
+    executor: Executor | None = None
 
     @property
     def best(self) -> Fit:
@@ -125,6 +137,35 @@ class Search(Generic[Kind]):
             if self.fits and self._leads(found):  # what led does not any more
                 self.fits[self.best.model] = self.best.lighter(self.problem)
             self.fits[found.model] = found
+
+    def alone(self, known: Iterable[Model] = ()) -> Search[Kind]:
+        """The same from its best model on, with what is known of a few others.
+
+        It has nothing in common with this one, so that it may go on in another process.
+        """
+        models = {self.best.model, *known} & self.fits.keys()
+        return replace(
+            self,
+            problem=self.problem.afresh(),
+            say=_nothing,
+            fits={model: self.fits[model] for model in sorted(models, key=sorted)},
+            renewed=set(self.renewed),
+            looked=[],
+            executor=None,
+        )
+
+    def side_by_side(
+        self,
+        task: Callable[[Shared, Item], list[Fit]],
+        shared: Shared,
+        items: Sequence[Item],
+    ) -> None:
+        """Keep the fits that each task found, in their order, whoever did them."""
+        some = self.executor if len(items) > 1 else None  # one is no sooner done elsewhere
+        with pool_of(1) if some is None else nullcontext(some) as executor:
+            for found in spread(executor, task, shared, items):
+                for fit in found:
+                    self.take(fit)
 
     def _leads(self, fit: Fit) -> bool:
         """Whether a fit is better than all.

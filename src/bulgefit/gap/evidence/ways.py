@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from bulgefit.gap.evidence.descend import Fit
 from bulgefit.gap.evidence.improve import improved
 from bulgefit.gap.evidence.problem import Problem, freeze
 from bulgefit.gap.evidence.search import GROWN, Search
+from bulgefit.parallel.threads import one_blas_thread
 
 __all__ = ["Ways"]
 
@@ -114,19 +115,12 @@ class Ways(Generic[Kind]):
         Several effects may stand for what is a field's; beside it they are no worse than before,
         and far from where they can be let go. Without it they lead where they led from below.
         """
-        best = self.search.best
-        origin = self.start if self.origin is None else self.origin
-        for name, form in sorted(best.model):
-            if name in self.fields and len(best.model) > 1:
-                names = tuple(n for n in self.search.names if n == name or n not in self.fields)
-                # changes of more than one group are tried by all names later on
-                beside = replace(
-                    self.search, roughly=True, share=GROWN, names=names,
-                    renewed=set(self.search.renewed),
-                )  # fmt: skip
-                alone = beside.fit(freeze({name: form}), origin)
-                if alone is not None:
-                    improved(beside, alone, len(best.model) - 1, keep=name)
+        model = self.search.best.model
+        fields = [(name, form) for name, form in sorted(model) if name in self.fields]
+        if fields and len(model) > 1:
+            self.search.say("each field by itself")
+            alone = replace(self, search=self.search.alone(), near=None)
+            self.search.side_by_side(_from_field, alone, fields)
 
     def with_fields(self, *, thorough: bool = False) -> Fit | None:
         """Everything is freed from the origin; if that is a trap, with the fields freed last.
@@ -159,3 +153,17 @@ class Ways(Generic[Kind]):
         if self.fields and (found := self.with_fields(thorough=True)) is not None:
             improved(self.search, found)
         improved(self.search, self.search.best)
+
+
+def _from_field(ways: Ways[Any], part: tuple[Owned, int]) -> list[Fit]:
+    """What is found on the way from a field of the best model."""
+    name, form = part
+    best, own = ways.search.best, ways.search.alone()
+    names = tuple(n for n in own.names if n == name or n not in ways.fields)
+    search = replace(own, roughly=True, share=GROWN, names=names)
+    origin = ways.start if ways.origin is None else ways.origin
+    with one_blas_thread():
+        alone = search.fit(freeze({name: form}), origin)
+        if alone is not None:
+            improved(search, alone, len(best.model) - 1, keep=name)
+    return [fit for model, fit in search.fits.items() if model != best.model]
