@@ -78,7 +78,7 @@ def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned |
     for first in range(0, len(models), _ABREAST):
         some = models[first : first + _ABREAST]
         search.say(f"without {first + 1} to {first + len(some)} of {len(models)}")
-        search.side_by_side(_without, (search.alone(some), fit), some)
+        search.abreast(_without, (search.alone(some), fit), some)
         if search.best is not fit:
             return _changed(fit, some[-1])
     return None

@@ -154,7 +154,7 @@ class Search(Generic[Kind]):
             executor=None,
         )
 
-    def side_by_side(
+    def abreast(
         self,
         task: Callable[[Shared, Item], list[Fit]],
         shared: Shared,

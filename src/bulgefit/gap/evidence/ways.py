@@ -120,7 +120,7 @@ class Ways(Generic[Kind]):
         if fields and len(model) > 1:
             self.search.say("each field by itself")
             alone = replace(self, search=self.search.alone(), near=None)
-            self.search.side_by_side(_from_field, alone, fields)
+            self.search.abreast(_from_field, alone, fields)
 
     def with_fields(self, *, thorough: bool = False) -> Fit | None:
         """Everything is freed from the origin; if that is a trap, with the fields freed last.
