@@ -1446,6 +1446,28 @@ def test_drops_go_round(monkeypatch: pytest.MonkeyPatch) -> None:
     assert tried == [*begun, "abcf", "abce", "bcf", "acf", "abf", "abc", "bc", "ac", "ab"]
 
 
+def test_drops_go_on_where_one_promised_more_than_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fitted to its end it is worse than what it was dropped from: the others are tried still."""
+    tried: list[str] = []
+
+    def without(shared: Any, model: Any) -> list[Fit]:
+        tried.append("".join(sorted(str(name) for name, _ in model)))
+        (found,) = _without(shared, model)
+        return [replace(found, score=shared[1].score - 5.0)] if len(tried) == 1 else [found]
+
+    monkeypatch.setattr("bulgefit.gap.evidence.closely._without", without)
+    monkeypatch.setattr("bulgefit.gap.evidence.closely._ABREAST", 1)
+    rng = np.random.default_rng(6)
+    rows = rng.normal(size=(60, 3))
+    measured = rows @ [2.0, 3.0, -2.0] + 0.1 * rng.normal(size=60)
+    search = searched(linear([group(n, [1.0]) for n in "abc"], rows, measured, variance=0.01))
+    whole = search.fit(freeze(dict.fromkeys("abc", 0)), np.zeros(3))
+    closely(search)
+    assert tried == ["bc", "ac", "ab"]
+    assert search.best.model == whole.model
+    assert search.fits[freeze({"b": 0, "c": 0})].score > search.best.score
+
+
 def test_forms_are_ordered_by_what_they_contain():
     """Two forms of which neither contains the other, and one that contains both."""
     g = group("a", [1.0] * 3, forms=((0,), (1,), (0, 1), (2,), (0, 1, 2)))

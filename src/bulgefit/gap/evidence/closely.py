@@ -45,23 +45,35 @@ def closely(
         Fit it without each of its groups as well.
     """
     problem, layout = search.problem, search.layout
-    close = replace(search, roughly=False)
-    settled, last = set[Model](), None
-    while (best := search.best).model not in settled:
-        settled.add(best.model)
-        found = kept(partial(descend, problem, layout, best.model, best.x, best.here.near))
-        search.fits[best.model] = found
-        if search.best is found:
-            improved(close, found)
-        if without_each and search.best is found:
-            own = {*(search.names if instead is None else instead), *dict(best.model)}
-            names = tuple(n for n in search.names if n in own)
-            rough = replace(search, roughly=True, share=GROWN, names=names, looked=[])
-            last = _without_each(rough, found, last)
+    close, fit = replace(search, roughly=False), search.best
+    settled, last = False, None  # whether `fit` is the best model as near as can be
+    tried = set[Model]()
+    while True:
+        best = search.best
+        if not settled or (best.model, best.score) != (fit.model, fit.score):
+            found = kept(partial(descend, problem, layout, best.model, best.x, best.here.near))
+            # a rough fit of a model may promise more than is there
+            known = settled and found.model == fit.model and fit.score <= found.score
+            search.fits[found.model] = fit if known else found
+            if search.best is found:
+                fit, settled, tried = found, True, set()
+                improved(close, fit)
+            continue
+        search.fits[fit.model] = fit
+        left = [m for m in _drops(search.layout, fit, last) if m not in tried]
+        if not (without_each and left):
+            break
+        tried.update(some := left[:_ABREAST])
+        last = _changed(fit, some[-1])
+        search.say(f"without {len(tried)} of its parts or forms, {len(left) - len(some)} to come")
+        own = {*(search.names if instead is None else instead), *dict(fit.model)}
+        names = tuple(n for n in search.names if n in own)
+        rough = replace(search, roughly=True, share=GROWN, names=names, looked=[])
+        search.abreast(_without, (rough.alone(some), fit), some)
 
 
-def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned | None:
-    """Drops from a fit, each fitted, until one of them is the best model: that of which group.
+def _drops(layout: Layout, fit: Fit, last: Owned | None) -> list[Model]:
+    """Smaller models than a fit's, to be fitted.
 
     They go round by name, from the group on that was the last to go: what was tried from the model
     before comes after what was not.
@@ -70,18 +82,9 @@ def _without_each(search: Search[Kind], fit: Fit, last: Owned | None) -> Owned |
     without it is on the other side, and no forecast sees it. Nor does one see what would do in the
     place of a group far from where that is absent.
     """
-
-    models = sorted(
-        smaller(search.layout, fit.model),
-        key=lambda m: last is not None and _changed(fit, m) <= last,
+    return sorted(
+        smaller(layout, fit.model), key=lambda m: last is not None and _changed(fit, m) <= last
     )
-    for first in range(0, len(models), _ABREAST):
-        some = models[first : first + _ABREAST]
-        search.say(f"without {first + 1} to {first + len(some)} of {len(models)}")
-        search.abreast(_without, (search.alone(some), fit), some)
-        if search.best is not fit:
-            return _changed(fit, some[-1])
-    return None
 
 
 def _changed(fit: Fit, model: Model) -> Owned:
