@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from bulgefit.fem.jit import compiled, inner, merged
+from bulgefit.fem.jit import compiled, merged
 from bulgefit.fem.relaxation import respond
 
 __all__ = ["ROUNDING", "acoustic_margin", "least_margin", "point_margin"]
@@ -33,7 +33,7 @@ _SECTIONS = 40
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
-@inner
+@merged
 def _along(angle, c11, c22, c12, at):
     """The least of m·(N·A·N)·m over unit m, MPa, for N at an angle from the warp axis."""
     n1, n2 = math.cos(angle), math.sin(angle)
@@ -47,7 +47,7 @@ def _along(angle, c11, c22, c12, at):
     return tension + 0.5 * (trace - math.sqrt(max(trace * trace - 4.0 * det, 0.0)))
 
 
-@inner
+@merged
 def acoustic_margin(c11, c22, c12, at):
     """The least of m·(N·A·N)·m over unit N and m at a point: elliptic where positive.
 

@@ -20,7 +20,7 @@ from numba import njit
 from numba.core import event
 from numba.core.runtime import rtsys
 
-__all__ = ["compiled", "inlined", "inner", "merged"]
+__all__ = ["compiled", "inlined", "merged"]
 
 #: What goes into compiled functions of other files.
 _SHARED = (
@@ -54,19 +54,10 @@ _OPTIONS: dict[str, Any] = {
 
 def compiled(function: Callable[..., Any]) -> Any:
     """Compile `function` when it is first called; cached where a folder can be written."""
-    return _cached(function)
-
-
-def inner(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for what kernels alone call: without the wrapper that Python calls it by."""
-    return _cached(function, no_cpython_wrapper=True)
-
-
-def _cached(function: Callable[..., Any], **options: bool) -> Any:
     try:
-        dispatcher = njit(cache=True, **options, **_OPTIONS)(function)
+        dispatcher = njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # numba's word for no folder to cache in
-        dispatcher = njit(**options, **_OPTIONS)(function)
+        dispatcher = njit(**_OPTIONS)(function)
     kept = getattr(dispatcher, "_cache", None)
     file = getattr(kept, "_cache_file", None)
     if kept is not None:
@@ -147,9 +138,9 @@ event.register("numba:compile", _PAUSE)
 def inlined(function: Callable[..., Any]) -> Any:
     """Make `function` part of the compiled function that calls it.
 
-    Called as a function of its own, LLVM may or may not merge it into its caller, and does so
-    otherwise when it has just compiled both than when it takes them from the cache: with sums that
-    may be reordered, a first run would then differ from later ones in the last bits.
+    Were it a function of its own, the process that has just compiled it would run it as it was
+    compiled alone, and later ones the copy in its caller, which was optimised once more: with sums
+    that may be reordered, a first run would differ from later ones in the last bits.
     """
     return njit(inline="always", no_cpython_wrapper=True, **_OPTIONS)(function)
 

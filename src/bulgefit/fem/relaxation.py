@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from bulgefit.fem.jit import compiled, inner, merged
+from bulgefit.fem.jit import compiled, merged
 
 __all__ = [
     "SLACK",
@@ -49,7 +49,7 @@ def is_compressed(s11, s22, s12, modulus):
     return (s11 < 0.0) | (s22 < 0.0) | (s11 * s22 < s12 * s12)
 
 
-@inner
+@merged
 def _amplitude(n1, n2, q, at):
     """Of the wrinkle along a unit vector n that frees it to first order; zero in tension."""
     v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
@@ -61,7 +61,7 @@ def _amplitude(n1, n2, q, at):
     return math.sqrt(2.0 * max(-snn, 0.0) / max(cnn, 1e-12 * q[3]))
 
 
-@inner
+@merged
 def _along_compression(q, at):
     """A wrinkle to start from: along the most compressed direction of S."""
     angle = 0.5 * math.atan2(2.0 * at[3], at[1] - at[2]) + 0.5 * math.pi
@@ -70,7 +70,7 @@ def _along_compression(q, at):
     return amplitude * n1, amplitude * n2
 
 
-@inner
+@merged
 def _lowest(c11, c22, c12, q, law, at):
     """A wrinkle to start from: that of the least energy over directions all round."""
     lowest, a1, a2 = math.inf, 0.0, 0.0
@@ -85,7 +85,7 @@ def _lowest(c11, c22, c12, q, law, at):
     return a1, a2
 
 
-@inner
+@merged
 def _wrinkle(c11, c22, c12, q, law, a1, a2):
     """Minimise W(C + a⊗a) over a by Newton's method.
 
@@ -131,7 +131,7 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2):
     return False, a1, a2, at
 
 
-@inner
+@merged
 def _wrinkle_stiffness(a1, a2, at):
     """CC B with B = ∂E/∂a of E + ½ a⊗a: its columns for a1 and a2, each (3,)."""
     return (
@@ -140,14 +140,14 @@ def _wrinkle_stiffness(a1, a2, at):
     )  # fmt: skip
 
 
-@inner
+@merged
 def _wrinkle_hessian(a1, a2, at):
     """∂²W/∂a∂a = S + BᵀCC B: components 11, 22, 12."""
     x1, y1, z1, _, y2, z2 = _wrinkle_stiffness(a1, a2, at)
     return at[1] + a1 * x1 + a2 * z1, at[2] + a2 * y2 + a1 * z2, at[3] + a2 * y1 + a1 * z1
 
 
-@inner
+@merged
 def _softness(a1, a2, at):
     """A wrinkle's direction n and |a|² times the inverse of ∂²W/∂a∂a at the minimum.
 
@@ -173,7 +173,7 @@ def _softness(a1, a2, at):
     return n1, n2, m22 / det, m11 / det, -m12 / det
 
 
-@inner
+@merged
 def _condense(a1, a2, at):
     """`at` with the wrinkle taken out of the tangent: CC - CC B (∂²W/∂a²)⁻¹ Bᵀ CC."""
     n1, n2, i11, i22, i12 = _softness(a1, a2, at)
@@ -189,7 +189,7 @@ def _condense(a1, a2, at):
     )  # fmt: skip
 
 
-@inner
+@merged
 def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed.
 
@@ -205,7 +205,7 @@ def _relaxed(c11, c22, c12, q, law):
     return (WRINKLED if converged else -1), a1, a2, at
 
 
-@inner
+@merged
 def respond(c11, c22, c12, q, law, relax):
     """State of a material point, and W, S (3), CC (6), as `point_response` explains them."""
     if not c11 * c22 - c12 * c12 > 0.0 or not c11 > 0.0:
@@ -247,7 +247,7 @@ def point_response(c11, c22, c12, q, law, relax, out):
     return state
 
 
-@inner
+@merged
 def stress_sensitivity(c11, c22, c12, q, law, relax):
     """∂S/∂D at fixed C for the four stiffness components.
 
@@ -280,7 +280,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
     return TAUT, law.by_stiffness(c11, c22, c12, q)
 
 
-@inner
+@merged
 def _take_out(a1, a2, at, stress):
     """A change of stress at fixed wrinkle, less what the wrinkle's own change relieves."""
     n1, n2, i11, i22, i12 = _softness(a1, a2, at)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import inner, merged
+from bulgefit.fem.jit import merged
 from bulgefit.fem.laws.law import Lanes, Law
 from bulgefit.fem.laws.logarithm import TERMS, half_log
 from bulgefit.fem.laws.potential import (
@@ -76,7 +76,7 @@ def _log_curvature(m, s, g_s):
     return (m / (det * det) - 3.0 * g_s) / (2.0 * s)
 
 
-@inner
+@merged
 def _response(c11, c22, c12, q):
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k
@@ -92,7 +92,7 @@ def _natural(q):
     return math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
 
 
-@inner
+@merged
 def _by_stiffness(c11, c22, c12, q):
     m, h, k = 0.5 * (c11 + c22), 0.5 * (c11 - c22), c12
     s = h * h + k * k

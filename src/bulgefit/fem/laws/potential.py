@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import inner, merged
+from bulgefit.fem.jit import merged
 
 __all__ = [
     "KNOTS",
@@ -137,7 +137,7 @@ def coupled(found, measure, q):
     )  # fmt: skip
 
 
-@inner
+@merged
 def _knee(e, knee):
     """Integral, e - κ atan(e/κ), and its slope e²/(e² + κ²)."""
     x = e / knee

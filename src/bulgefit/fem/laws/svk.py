@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import inner, merged
+from bulgefit.fem.jit import merged
 from bulgefit.fem.laws.law import Lanes, Law
 from bulgefit.fem.laws.potential import (
     bent_potential,
@@ -24,7 +24,7 @@ def _strain(c: NDArray[Any]) -> NDArray[Any]:
     return np.array([0.5 * (c[0] - 1.0), 0.5 * (c[1] - 1.0), c[2]])
 
 
-@inner
+@merged
 def _response(c11, c22, c12, q):
     psi, t1, t2, t3, h11, h22, h33, h12 = potential(0.5 * (c11 - 1.0), 0.5 * (c22 - 1.0), c12, q)
     found = psi, t1, t2, t3, h11, h22, h33, h12, 0.0, 0.0

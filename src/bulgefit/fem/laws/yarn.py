@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bulgefit.fem.jit import inner, merged
+from bulgefit.fem.jit import merged
 from bulgefit.fem.laws.law import Lanes, Law
 from bulgefit.fem.laws.logarithm import half_log
 from bulgefit.fem.laws.potential import (
@@ -68,7 +68,7 @@ def _pull_back(c11, c22, c12, at):
     )  # fmt: skip
 
 
-@inner
+@merged
 def _response(c11, c22, c12, q):
     angle = math.atan2(c12, math.sqrt(c11 * c22 - c12 * c12))
     strain = 0.5 * math.log(c11), 0.5 * math.log(c22), angle
@@ -81,7 +81,7 @@ def _natural(q):
     return math.exp(2.0 * q[4]), math.exp(2.0 * q[5])
 
 
-@inner
+@merged
 def _by_stiffness(c11, c22, c12, q):
     angle = math.atan2(c12, math.sqrt(c11 * c22 - c12 * c12))
     strain = 0.5 * math.log(c11), 0.5 * math.log(c22), angle
