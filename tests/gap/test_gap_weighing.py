@@ -300,27 +300,35 @@ def test_noise_alone_is_not_tempered_and_a_smooth_miss_is(data: Data) -> None:
     assert temper([granted], [off], taken=0) == pytest.approx(1.0, abs=0.2)
 
 
-def test_what_persists_of_the_noise_tempers_the_constant_course_alone(data: Data) -> None:
+def test_noise_that_persists_tempers_by_what_the_evidence_takes_it_for(data: Data) -> None:
+    """A miss that is less than what all modes are granted is no reason to count evidence for less.
+
+    Though noise leaves courses that are not constant what it has anew in each frame alone.
+    """
     prediction = data.specimen.predict({**TRUTH, "clamp_slip.compliance": 0.01})
     rng, shape = np.random.default_rng(2), data.used.shape
-    persists = replace(data, inflation=0.3 * shape[0] + 0.7, persistent=0.3)
+    persists = replace(data, inflation=0.8 * shape[0] + 0.2, persistent=0.8)
+    modes = 21 * min(shape[0], 6)
+    turn = np.linspace(-1.0, 1.0, shape[0])
 
-    def tempered(course: np.ndarray) -> float:
-        """Mean over draws of such noise, and of all points' common course in noise units."""
+    def tempered(miss: float) -> float:
+        """Mean over draws of such noise, and of a turn of all points over the frames.
+
+        By as much as that many times what is granted to all modes together.
+        """
+        size = np.sqrt(miss * modes * persists.inflation / (shape[1] * float(turn @ turn)))
         found = []
         for _ in range(20):
-            noise = np.sqrt(0.3) * rng.normal(size=(1, *shape[1:]))
-            noise = noise + np.sqrt(0.7) * rng.normal(size=shape) + course[:, None, None]
+            noise = np.sqrt(0.8) * rng.normal(size=(1, *shape[1:]))
+            noise = noise + np.sqrt(0.2) * rng.normal(size=shape) + size * turn[:, None, None]
             shown = data.specimen.measured - noise * data.sigma
             found.append(temper([persists], [replace(prediction, displacement=shown)], taken=0))
         return float(np.mean(found))
 
-    turn = np.linspace(-1.0, 1.0, shape[0])
-    assert tempered(0.0 * turn) == pytest.approx(1.0, abs=0.05)
-    # one mode of 21 times those of the frames, beside 0.7 of the noise
-    miss = float(turn @ turn) * shape[1] / 0.7
-    expected = 1.0 + miss / (21 * min(shape[0], 6))
-    assert tempered(turn) == pytest.approx(expected, rel=0.05)
+    assert tempered(0.0) == 1.0
+    assert tempered(0.5) == 1.0
+    left = 1.0 / 6.0 + 5.0 / 6.0 * 0.2 / persists.inflation
+    assert tempered(5.0) == pytest.approx(5.0 + left, rel=0.02)
 
 
 def test_what_is_left_of_the_mesh_is_no_misfit(data: Data) -> None:

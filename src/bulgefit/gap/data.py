@@ -157,13 +157,6 @@ class Data:
         anew = 1.0 - self.persistent
         return self.drawn_anew / (anew * self.mixture) if anew > 0.0 else 1.0
 
-    def along(self, courses: Floats) -> Floats:
-        """Variance of noise in modes over place times unit courses (frames, m) over frames: (m,).
-
-        What persists has the course of a constant, and none of those that are orthogonal to it.
-        """
-        return np.asarray(self.persistent * courses.sum(axis=0) ** 2 + self.drawn_anew)
-
     @property
     def in_a_frame(self) -> float:
         """Factor on variances of means over the points of one frame; each point persists alone."""

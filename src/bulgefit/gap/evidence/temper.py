@@ -26,11 +26,11 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
     """Mean square of the residual's smooth modes over what correlated noise makes of it; 1 or more.
 
     In each component the residual is projected on orthonormal polynomials over the specimen times
-    such over the frames, as effects go smoothly with place and pressure. Noise leaves each mode its
-    inflation v as variance (by its course: what persists is in that of a constant alone); a model
-    that errs leaves more, and effects that it has not are told by
-    just such modes: what errs in every frame alike counts as often as they do. So variances there
-    are v T, and evidence counts 1/T of what it would.
+    such over the frames, as effects go smoothly with place and pressure. Evidence takes each mode
+    to have the noise's inflation v as variance, which what persists of the noise leaves to that of
+    a constant course alone; a model that errs may leave more, and effects that it has not are told
+    by just such modes: what errs in every frame alike counts as often as they do. So variances
+    there are v T, and evidence counts 1/T of what it would.
 
     Where parameters take nearly all modes, what is left of them says next to nothing: one mode more
     stands for what is thought of T without any, the noise (a prior worth one value, the unit
@@ -44,7 +44,7 @@ def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float
     square, modes = 0.0, 0
     for d, p in zip(data, predictions, strict=True):
         seen = _of_modes(d, _off_mesh(d, d.residual(p))[None])
-        square += float((seen**2 / d.along(_courses(d))[:, None, None]).sum())
+        square += float((seen**2).sum()) / d.inflation
         modes += seen.size
     return max(_shrunk(square, modes - taken), 1.0)
 
@@ -94,10 +94,6 @@ def _of_modes(d: Data, rows: Floats) -> Floats:
     x, y = d.specimen.reference[:, :2].T / d.specimen.test.radius
     orders = [(i, n - i) for n in range(DEGREE + 1) for i in range(n + 1)]
     over, _ = np.linalg.qr(np.stack([x**i * y**j for i, j in orders], axis=1))
-    return np.asarray(np.einsum("nk,fm,rfnc->rmkc", over, _courses(d), rows, optimize=True))
-
-
-def _courses(d: Data) -> Floats:
-    """Orthonormal polynomials of p^(1/3) over the frames, (frames, m); the first is constant."""
     load = np.cbrt(d.specimen.recorded / d.specimen.recorded.max())
-    return np.linalg.qr(np.vander(load, min(COURSE + 1, len(load)), increasing=True))[0]
+    along, _ = np.linalg.qr(np.vander(load, min(COURSE + 1, len(load))))
+    return np.asarray(np.einsum("nk,fm,rfnc->rmkc", over, along, rows, optimize=True))
