@@ -684,9 +684,9 @@ MUTANTS = (
         "gap/test_gap_trace.py",
     ),
     Mutant(
-        "gap/data.py",
-        "courses.sum(axis=0) ** 2 + self.drawn_anew",
-        "len(courses) + self.drawn_anew",
+        "gap/evidence/temper.py",
+        "(seen**2).sum()) / d.inflation",
+        "(seen**2).sum()) / d.drawn_anew",
         "gap/test_gap_weighing.py",
     ),
     Mutant(
