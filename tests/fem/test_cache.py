@@ -40,12 +40,11 @@ x, y = mesh.nodes.T
 height = 1.0 - (x**2 + y**2) / 1e4
 u = np.stack([-0.02 * x * height * np.cos(y / 20.0), 0.01 * y * height, 5.0 * height], axis=1)
 stiffness = orthotropic_stiffness(900.0, 300.0, 8.0, 0.24)
-for law in ("hencky", "yarn"):
-    fabric = Fabric(bend=(-300.0, 100.0))
-    membrane = Membrane(mesh, 0.81, law, relaxation=True, fabric=fabric)
-    state = membrane.state(u, 0.01, stiffness)
-    assert 0 < state.wrinkled < 4 * len(mesh.cells)
-    print(hashlib.sha256(state.residual.tobytes() + state.tangent.tobytes()).hexdigest())
+fabric = Fabric(bend=(-300.0, 100.0))
+membrane = Membrane(mesh, 0.81, "hencky", relaxation=True, fabric=fabric)
+state = membrane.state(u, 0.01, stiffness)
+assert 0 < state.wrinkled < 4 * len(mesh.cells)
+print(hashlib.sha256(state.residual.tobytes() + state.tangent.tobytes()).hexdigest())
 """
 
 
