@@ -28,15 +28,15 @@ class Stage(Enum):
 
 #: Least and most of the time so far that is left when a stage begins: those of five made tests (two
 #: with causes without a name, one with known ones, one clean, a family), which
-#: benchmarks/diagnosis.py, `--pace`, finds, and of measured ones, one alone and two together
+#: benchmarks/diagnosis.py, `--pace`, finds, and of measured ones, one alone, two and three together
 #: (docs/gap.md), some more either way. What a measured test has without a name is in several
 #: places, each of which is tried alone. On another machine, and of more points, all is as much
 #: slower or faster. Before the first fit of everything, which takes a clean test half of its time
 #: and the measured ones a hundredth, nothing can be told.
 _AHEAD = {
-    Stage.SEARCH: (0.8, 120.0),
-    Stage.FIELDS: (0.7, 20.0),
-    Stage.UNNAMED: (0.2, 10.0),
+    Stage.SEARCH: (0.8, 300.0),
+    Stage.FIELDS: (0.7, 40.0),
+    Stage.UNNAMED: (0.2, 15.0),
     Stage.UNITS: (0.4, 2.0),
     Stage.POINTS: (0.01, 1.0),
     Stage.PARTS: (0.0, 0.9),
