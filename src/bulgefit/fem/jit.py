@@ -146,7 +146,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
 
 def merged(function: Callable[..., Any]) -> Any:
-    """As `inlined`, by LLVM at its first look: for arithmetic in a lane, and what gathers.
+    """As `inlined`, by LLVM at its first look: for arithmetic of points and lanes, and gathering.
 
     Types are then inferred once, not in every caller, which takes most of the time to compile.
     A loop that is to run in vectors would be optimised before LLVM knows the caller's arrays, and
