@@ -23,7 +23,7 @@ DEGREE, COURSE = 5, 5
 
 
 def temper(data: Sequence[Data], predictions: Sequence[Prediction], taken: float) -> float:
-    """Mean square of the residual's smooth modes over what correlated noise makes of it; 1 or more.
+    """Mean square of the residual's smooth modes over what evidence takes it to be; 1 or more.
 
     In each component the residual is projected on orthonormal polynomials over the specimen times
     such over the frames, as effects go smoothly with place and pressure. Evidence takes each mode
