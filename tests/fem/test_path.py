@@ -483,7 +483,7 @@ def test_a_loss_is_the_branchs_own_fold() -> None:
     fold = _fold(membrane, stiffness, below.displacement[-1], 1e-6)
     assert not fold.stable
     assert membrane.acoustic_margin(fold.displacement, stiffness) < 0.0
-    assert caught.value.reached == pytest.approx(fold.pressure, rel=1e-5)
+    assert caught.value.reached == pytest.approx(fold.pressure, rel=1e-4)
 
 
 def test_a_level_between_others_is_none_of_another_branch() -> None:

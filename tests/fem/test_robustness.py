@@ -11,7 +11,7 @@ import pytest
 
 from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
-from bulgefit.fem.equilibrium import CORRECTION, solve
+from bulgefit.fem.equilibrium import CORRECTION, NewtonError, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
@@ -206,3 +206,38 @@ def test_a_kink_is_no_fold(benchmark: ModuleType) -> None:
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     path = trace(membrane, stiffness, (1e-4, 0.1155))
     assert path.stable.all()
+
+
+def test_between_shapes_on_either_side_of_a_snap_no_valley_leads(benchmark: ModuleType) -> None:
+    """At 1.4101 bar: descent leaps 2 mm, and may meet no ridge; the straight way leads over one.
+
+    Between shapes of one branch, as far apart and with wrinkles that come and go, there is none.
+    """
+    case = benchmark.draw(71, 1467)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    tracer = Tracer(membrane, stiffness, 1e-3, sensitivities=False, elliptic=True)
+    path = trace(membrane, stiffness, (1e-4, 0.1408))
+    below = path.pressure[-1], path.displacement[-1]
+    for p, leapt in ((0.1412, True), (0.145, False)):
+        found = solve(membrane, below[1], p, stiffness)
+        assert np.abs(found.displacement - below[1]).max() > 2.0
+        assert found.leapt is leapt
+        assert not tracer.is_convex(below, (p, found.displacement))
+    with pytest.raises(NewtonError, match="not positive definite"):
+        solve(membrane, below[1], 0.1412, stiffness, convex=True)
+    before = solve(membrane, path(0.135)[0], 0.135, stiffness, follow=True).displacement
+    assert np.abs(before - below[1]).max() > 2.0
+    assert tracer.is_convex((0.135, before), below)
+
+
+def test_descent_that_keeps_to_a_valley_leads_over_kinks(benchmark: ModuleType) -> None:
+    """Of loose cloth that is not elliptic each wrinkle took a step by volume, of ten corrections.
+
+    That took 1,231 factorisations.
+    """
+    case = benchmark.draw(174, 230)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness)
+    assert path.stable.all()
+    assert membrane.acoustic_margin(path.displacement[-1], stiffness) < 0.0
+    assert path.factorisations < 400

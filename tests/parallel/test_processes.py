@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from bulgefit.errors import InputError
+from bulgefit.parallel.memory import give_back
 from bulgefit.parallel.parcels import sent
 from bulgefit.parallel.processes import Processes
 from bulgefit.parallel.spread import spread
@@ -144,3 +145,20 @@ def test_processes_that_cannot_be_asked_end_all_the_same() -> None:
     assert not closing.is_alive()
     with pytest.raises(ProcessLookupError):
         os.kill(held, 0)
+
+
+def test_processes_that_have_nothing_to_do_give_all_back_and_others_begin() -> None:
+    """What they were last sent may be a third of a gigabyte each."""
+    pool = Processes(2)
+    before = spread(pool, _who, None, range(4))
+    give_back(pool)
+    for pid in {*before}:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+    after = spread(pool, _who, None, range(4))
+    assert not {*before} & {*after}
+    pool.shutdown()
+
+
+def _who(shared: None, item: int) -> int:
+    return os.getpid()

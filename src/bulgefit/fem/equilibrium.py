@@ -138,6 +138,7 @@ def solve(
     follow: bool = False,
     exact: bool = False,
     patient: bool = False,
+    convex: bool = False,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
@@ -167,12 +168,15 @@ def solve(
         singular tangent they are off by a thousandth with the factor of a shape 1e-5 mm away.
     patient : bool
         From afar, allow the steps that cloth may take which lies loosely.
+    convex : bool
+        From afar, but only as far as tangents are positive definite: into no other valley.
 
     Raises
     ------
     NewtonError
     """
-    search = _Search(membrane, pressure, stiffness, follow, watch=thrifty and follow and not exact)
+    watch = thrifty and follow and not exact
+    search = _Search(membrane, pressure, stiffness, follow, watch=watch, convex=convex)
     # copies that are extrapolated from level to level would drift away, by rounding at first
     displacement = membrane.tied(start)
     unit = membrane.radius / 100.0
@@ -220,10 +224,17 @@ class _Search:
     """The moving parts of one Newton search."""
 
     def __init__(
-        self, membrane: Membrane, pressure: float, stiffness: Floats, follow: bool, *, watch: bool
+        self,
+        membrane: Membrane,
+        pressure: float,
+        stiffness: Floats,
+        follow: bool,
+        *,
+        watch: bool,
+        convex: bool,
     ) -> None:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
-        self.follow = follow
+        self.follow, self.convex = follow, convex
         self.shift = 0.0
         self.leapt = False
         self.work = 0
@@ -265,6 +276,8 @@ class _Search:
             except NotPositiveDefiniteError:
                 if self.follow:
                     return self._indefinite_factor(displacement, iteration), False
+                if self.convex:
+                    break
                 # the attempt has used it up
                 tangent = self._tangent(displacement)
                 self.leapt = True

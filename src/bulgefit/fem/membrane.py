@@ -292,6 +292,7 @@ class Membrane:
             fixed = fixed.copy()
             fixed[mesh.rim, :2] = False
         self.fixed, self.forced = fixed, solver
+        self._law_parameters: tuple[bytes, tuple[float, ...]] | None = None
         flat = np.column_stack([mesh.nodes, np.zeros(len(mesh.nodes))])
         self.reference = flat if self.fabric.surface is None else self.fabric.surface
         if like is not None and self._lies_as(like):
@@ -534,8 +535,14 @@ class Membrane:
         return self.gather(out)
 
     def law_parameters(self, stiffness: Floats) -> tuple[float, ...]:
-        """What the kernels call q, of this stiffness (4,) and the fabric."""
-        return self.fabric.law_parameters(stiffness)
+        """What the kernels call q, of this stiffness (4,) and the fabric.
+
+        The last ones are kept: a path asks for the same over and over.
+        """
+        asked, last = stiffness.tobytes(), self._law_parameters
+        if last is None or last[0] != asked:
+            last = self._law_parameters = asked, self.fabric.law_parameters(stiffness)
+        return last[1]
 
     def acoustic_margin(self, displacement: Floats, stiffness: Floats) -> float:
         """Least margin of ellipticity over the Gauss points, over D11 + D22; negative: lost.

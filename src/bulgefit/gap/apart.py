@@ -23,6 +23,7 @@ from bulgefit.gap.evidence.weighing import Weighing
 from bulgefit.gap.explanation import Step
 from bulgefit.gap.regress import Regression
 from bulgefit.parallel.journal import kept
+from bulgefit.parallel.memory import give_back
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import one_blas_thread
 
@@ -68,6 +69,7 @@ def taken_apart(
     if len(names) > 1:
         less = [begun(_less(fit.model, [name])) for name in names]
         rests = spread(executor, _refit, beside, less)
+    give_back(executor)  # what comes is one after the other, here
     without = dict(zip(names, rests, strict=True))
 
     def worth(name: Owned) -> float:

@@ -89,6 +89,11 @@ class Processes(Executor):
         for child in self._children():
             child.kill()
 
+    def rest(self) -> None:
+        """End the processes when their work is done; fresh ones start with the next call."""
+        self.shutdown()
+        self._fresh()
+
     def renew(self) -> None:
         """Replace the processes."""
         self._pool.shutdown(cancel_futures=True)

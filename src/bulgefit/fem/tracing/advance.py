@@ -34,11 +34,12 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     """Add a level about `step` ahead; returns the share of the step that was made.
 
     Wrinkled cloth has no stiffness across its folds: what a prediction along the path does not
-    find there, descent of the potential does. Not where the law has lost ellipticity: it would leap
-    into bands of shear, past the point where the path turns unstable. Where neither these steps nor
-    shorter ones lead on, the branch is followed by its volume until pressure can be stepped again,
-    or its greatest pressure is passed. Cloth that is too loose for that is looked for where it is
-    taut. That is a descent as well, so where the law is not elliptic the path ends there.
+    find there, descent of the potential does. Where the law has lost ellipticity, it would leap
+    into bands of shear, past the point where the path turns unstable; there it may not leave the
+    valley that the last shape lies in. Where neither these steps nor shorter ones lead on, the
+    branch is followed by its volume until pressure can be stepped again, or its greatest pressure
+    is passed. Cloth that is too loose for that is looked for where it is taut. That is a descent as
+    well, so where the law is not elliptic the path ends there.
 
     Raises
     ------
@@ -46,25 +47,27 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     """
     below = tracer.levels[-1]
     last, loose = below.s, below.stable and below.wrinkled > 0
-    if tracer.elliptic and loose and (tracer.descends or tracer.creeps):
-        loose = tracer.is_elliptic(below.displacement)
-    descend = loose and tracer.descends
-    attempts = [(1.0, True), *([(1.0, False)] * descend), *((share, True) for share in _SHORTER)]
+    convex = tracer.elliptic and loose and not tracer.is_elliptic(below.displacement)
+    descend = loose and (tracer.descends or convex)
+    attempts = [(1.0, True), *([(1.0, False)] * descend)]
+    attempts += [(share, not convex) for share in _SHORTER]
     # what failed in the last step is likely to in the next
     if descend and tracer.by_descent:
         attempts = attempts[1:]
     for share, follow in attempts[-1:] if tracer.closely else attempts:
         s = last + share * step
-        start = tracer.predict(s)
+        # straight on, the way to the bottom begins in the valley that the last shape lies in
+        straight = below.displacement + (s - last) * below.slope
+        start = tracer.predict(s) if follow else tracer.lower(straight, s)
         try:
-            tracer.solve(s, start if follow else tracer.lower(start, s), follow=follow)
+            tracer.solve(s, start, follow=follow, convex=convex and not follow)
             tracer.closely, tracer.by_descent = False, not follow
             return share
         except NewtonError as error:
             failure = error
-            tracer.descends &= follow
+            tracer.descends &= follow or convex
     tracer.closely, tracer.by_descent = True, False
-    if loose and tracer.creeps:
+    if loose and not convex and tracer.creeps:
         tracer.creeps = _creep(tracer, _SHORTER_STILL[:1], step, patient=False)
         if tracer.creeps:
             return (tracer.levels[-1].s - last) / step

@@ -132,7 +132,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     where the law is not elliptic and the branch leaps: between two shapes bands of shear may have
     come. What tangents at both ends leave of a change is ΔV³u'''/12 on a smooth branch and nothing
     over a kink, so that shorter steps bring it under any length; over a leap it is about the leap,
-    however short the step. Leaps below the path's own tolerance are none that it would tell.
+    however short the step. Leaps below the path's own tolerance are none that it would tell. Where
+    there are many kinks on the way, the potential tells: it is convex over these.
 
     Raises
     ------
@@ -140,9 +141,13 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     """
     change, grown = point.displacement - here.displacement, point.volume - here.volume
     before, after = grown * here.slope, grown * point.slope
-    # asked last, since the acoustic tensor takes as long as a step of Newton's method
-    near = is_between(change, before, after, tracer.tolerance) and not _may_fold(here, point)
+    folds = _may_fold(here, point)
+    near = not folds and is_between(change, before, after, tracer.tolerance)
+    # in the order of what they take
     leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
+    if leaps and not folds and here.stable and point.stable:
+        ends = ((one.pressure, one.displacement) for one in (here, point))
+        leaps = not tracer.is_convex(*ends)
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point

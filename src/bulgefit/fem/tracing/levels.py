@@ -26,6 +26,8 @@ _PREDICTOR_LEVELS = 3
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's, or a pole is near.
 _POLE = 0.1
+#: Where on the way between two shapes the potential is looked at, as shares of it.
+_BETWEEN = (0.25, 0.5, 0.75)
 _TINY = np.finfo(float).tiny
 
 
@@ -94,6 +96,8 @@ class Tracer:
         #: Whether the path ends where the law loses ellipticity.
         self.elliptic = elliptic
         self.levels: list[Level] = []
+        #: The last shape that was asked for, as it is over and over, and whether it is elliptic.
+        self._looked_at: tuple[Floats, bool] | None = None
         self.work = 0
         self.wasted = 0
         self.closing_in = False
@@ -109,7 +113,29 @@ class Tracer:
 
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
-        return bool(self.membrane.acoustic_margin(displacement, self.stiffness) >= 0.0)
+        if self._looked_at is None or self._looked_at[0] is not displacement:
+            margin = self.membrane.acoustic_margin(displacement, self.stiffness)
+            self._looked_at = displacement, bool(margin >= 0.0)
+        return self._looked_at[1]
+
+    def is_convex(self, low: tuple[float, Floats], high: tuple[float, Floats]) -> bool:
+        """Whether the potential is convex between two balanced shapes, each with its pressure.
+
+        Stable shapes on either side of a snap have a ridge between them, on which a tangent is not
+        positive definite. Over kinks of one branch, however many, all are.
+        """
+        for share in _BETWEEN:
+            pressure = low[0] + share * (high[0] - low[0])
+            shape = low[1] + share * (high[1] - low[1])
+            state = self.membrane.state(shape, pressure, self.stiffness)
+            if not np.isfinite(state.potential):  # a cell has collapsed
+                return False
+            self.work += 1
+            try:
+                self.membrane.factorise(state, spent=True)
+            except NotPositiveDefiniteError:
+                return False
+        return True
 
     def is_sound(self, found: Level | Point) -> bool:
         """Whether what was found is stable, or the law elliptic, where that matters."""
@@ -148,11 +174,20 @@ class Tracer:
         return balance.displacement, slope_in_pressure(self.membrane, balance, self.stiffness)
 
     def solve(
-        self, s: float, guess: Floats, *, follow: bool, rough: bool = False, patient: bool = False
+        self,
+        s: float,
+        guess: Floats,
+        *,
+        follow: bool,
+        rough: bool = False,
+        patient: bool = False,
+        convex: bool = False,
     ) -> None:
         """Balance a level and keep it.
 
-        The slope of a level that is not `rough` has to fit the level below.
+        The slope of a level that is not `rough` has to fit the level below. Where the law is not
+        elliptic, descent may leap into bands of shear; a level that is `convex` is one that it has
+        come to in the valley of the newest one.
 
         Raises
         ------
@@ -162,6 +197,7 @@ class Tracer:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
                 thrifty=True, follow=follow, exact=self.sensitivities, patient=patient,
+                convex=convex,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
@@ -176,6 +212,9 @@ class Tracer:
             self.wasted += balance.factorisations
             reason = Cause.LOSS_OF_ELLIPTICITY
             raise BandedError(reason.value, 0, 0.0, 0, reason)
+        if convex and not self._is_near(s, balance.displacement):
+            self.wasted += balance.factorisations
+            raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
         slope = slope_in_pressure(self.membrane, balance, self.stiffness)
         smooth = follow and not rough and not self.closing_in
         if smooth and self._is_rough(s, balance.displacement, slope):
@@ -197,6 +236,10 @@ class Tracer:
             balance.factor,
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)
+
+    def _is_near(self, s: float, shape: Floats) -> bool:
+        newest = self.levels[-1]
+        return self.is_convex((newest.s**3, newest.displacement), (s**3, shape))
 
     def predict(self, s: float) -> Floats:
         """Extrapolation of the newest levels, or of their mirror images where they are few.
