@@ -719,6 +719,18 @@ MUTANTS = (
         "part.curvature",
         "fitting/test_uncertainty.py",
     ),
+    Mutant(
+        "fem/tracing/levels.py",
+        "_BETWEEN = (0.25, 0.5, 0.75)",
+        "_BETWEEN = ()",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/equilibrium.py",
+        "if self.convex:",
+        "if self.convex and self.leapt:",
+        "fem/test_robustness.py",
+    ),
 )
 
 

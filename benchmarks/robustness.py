@@ -57,6 +57,8 @@ THICKNESS = 0.81  # mm
 LAWS = ("hencky", "svk", "yarn")
 #: `disc`'s refinement, its cells along the middle; the default mesh has 4.
 MESHES = (2, 3, 4)
+#: Sets that are traced in each process before its own: of all laws, some of which lose ellipticity.
+_WARM = 24
 #: mm: what balanced shapes may differ by from their mirror images. Corrections are below 1e-9 mm
 #: and cloth may be a thousand times as loose across its folds as along them.
 ALIKE = 1e-5
@@ -411,6 +413,12 @@ def line(drawn: Callable[[int], Case], checked: bool, number: int) -> dict[str, 
     return {"set": number, **asdict(case), **found}
 
 
+def warm() -> None:
+    """Compile kernels, or load them: a set's time is that of its path."""
+    for number in range(_WARM):
+        outcome(draw(0, number), checked=False)
+
+
 def table(found: list[dict[str, Any]], *, checked: bool) -> list[str]:
     """Counts of outcomes by law, and times, as lines of Markdown."""
     count = Counter((one["outcome"], one["law"]) for one in found)
@@ -450,7 +458,7 @@ def traced(
         log.write_text(whole + "\n" if whole else "")
         found = {one["set"]: one for one in map(json.loads, whole.splitlines())}
     left = [number for number in numbers if number not in found]
-    with get_context("spawn").Pool(workers) as pool:
+    with get_context("spawn").Pool(workers, warm) as pool:
         for one in pool.imap_unordered(partial(line, drawn, checked), left):
             found[one["set"]] = one
             said = json.dumps(one)

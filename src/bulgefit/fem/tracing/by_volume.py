@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.tracing.ends import BRACKET, StoppedError, beside, given_up, lost_at
-from bulgefit.fem.tracing.levels import Tracer, is_between
+from bulgefit.fem.tracing.levels import Tracer, are_alike, is_between, is_over_kinks
 from bulgefit.fem.volume_control import Point, at_volume, highest_pressure
 
 __all__ = ["LEAST_GROWTH", "PATIENTLY", "ahead_of", "go_by_volume", "point_at", "rising"]
@@ -146,11 +146,23 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     # in the order of what they take
     leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
     if leaps and not folds and here.stable and point.stable:
-        ends = ((one.pressure, one.displacement) for one in (here, point))
-        leaps = not tracer.is_convex(*ends)
+        leaps = not _in_one_valley(tracer, here, point, (before, after))
     if leaps or (point.stable and point.pressure < here.pressure):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
+
+
+def _in_one_valley(
+    tracer: Tracer, here: Point, point: Point, tangents: tuple[Floats, Floats]
+) -> bool:
+    """Whether nothing but kinks lies between two points.
+
+    Where tangents are not alike shorter steps tell, which cost less than a closer look.
+    """
+    change = point.displacement - here.displacement
+    short = are_alike(change, *tangents) and is_over_kinks(change, *tangents)
+    low, high = (here.pressure, here.displacement), (point.pressure, point.displacement)
+    return short and tracer.is_convex(low, high, tangents)
 
 
 def _may_fold(here: Point, point: Point) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from bulgefit.errors import Cause
 from bulgefit.fem.equilibrium import NewtonError, solve
@@ -16,7 +17,7 @@ from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.sensitivity import slope_in_pressure, stiffness_sensitivity
 from bulgefit.fem.volume_control import Point
 
-__all__ = ["BandedError", "Level", "Tracer", "is_between"]
+__all__ = ["BandedError", "Level", "Tracer", "are_alike", "is_between", "is_over_kinks"]
 
 Floats = NDArray[np.float64]
 
@@ -26,8 +27,9 @@ _PREDICTOR_LEVELS = 3
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's, or a pole is near.
 _POLE = 0.1
-#: Where on the way between two shapes the potential is looked at, as shares of it.
-_BETWEEN = (0.25, 0.5, 0.75)
+#: Where on the way between two shapes the potential is looked at, as shares of it: where tangents
+#: at both ends are alike, and where they are not, so that the way bends.
+_BETWEEN, _CLOSELY = (0.25, 0.5, 0.75), tuple(k / 8 for k in range(1, 8))
 _TINY = np.finfo(float).tiny
 
 
@@ -70,11 +72,32 @@ def is_between(change: Floats, before: Floats, after: Floats, apart: float) -> b
     Smooth ones do as the first says; over a kink a part f as that and the rest as the second,
     f b + (1 - f) a.
     """
-    if np.abs(change - before).max() <= apart:
-        return True
+    return bool(np.abs(change - before).max() <= apart) or _left(change, before, after) <= apart
+
+
+def is_over_kinks(change: Floats, before: Floats, after: Floats) -> bool:
+    """Whether tangents at both ends leave no more of a change (n, 3) than kinks may.
+
+    Of kinks at several places each has a part f of its own, so that one for all is half of what it
+    is worth off, at most. A leap that is in none of the tangents leaves about itself.
+    """
+    return 2.0 * _left(change, before, after) <= float(np.abs(before - after).max())
+
+
+def are_alike(change: Floats, before: Floats, after: Floats) -> bool:
+    """Whether the tangents at both ends of a change (n, 3) differ by less than half of it.
+
+    As a fold comes near one of them turns to the mode that the cloth snaps by, so that a leap may
+    lie between them.
+    """
+    return bool(2.0 * np.abs(before - after).max() <= np.abs(change).max())
+
+
+def _left(change: Floats, before: Floats, after: Floats) -> float:
+    """What is left (mm) of a change by what lies between those that two tangents say."""
     bend, rest = before - after, change - after
     share = np.clip(np.vdot(bend, rest) / max(np.vdot(bend, bend), _TINY), 0.0, 1.0)
-    return bool(np.abs(rest - share * bend).max() <= apart)
+    return float(np.abs(rest - share * bend).max())
 
 
 class Tracer:
@@ -118,15 +141,27 @@ class Tracer:
             self._looked_at = displacement, bool(margin >= 0.0)
         return self._looked_at[1]
 
-    def is_convex(self, low: tuple[float, Floats], high: tuple[float, Floats]) -> bool:
+    def is_convex(
+        self,
+        low: tuple[float, Floats],
+        high: tuple[float, Floats],
+        tangents: tuple[Floats, Floats],
+    ) -> bool:
         """Whether the potential is convex between two balanced shapes, each with its pressure.
 
         Stable shapes on either side of a snap have a ridge between them, on which a tangent is not
-        positive definite. Over kinks of one branch, however many, all are.
+        positive definite. Over kinks of one branch, however many, all are. The straight way may
+        lead round a ridge, as may that of the ends' `tangents` (each by all that lies between):
+        where these are not alike, both are looked at, and more closely.
         """
-        for share in _BETWEEN:
+        change = high[1] - low[1]
+        if are_alike(change, *tangents):
+            looks = [(share, low[1] + share * change) for share in _BETWEEN]
+        else:
+            way = CubicHermiteSpline((0.0, 1.0), (low[1], high[1]), tangents)
+            looks = [(t, shape) for t in _CLOSELY for shape in (low[1] + t * change, way(t))]
+        for share, shape in looks:
             pressure = low[0] + share * (high[0] - low[0])
-            shape = low[1] + share * (high[1] - low[1])
             state = self.membrane.state(shape, pressure, self.stiffness)
             if not np.isfinite(state.potential):  # a cell has collapsed
                 return False
@@ -212,10 +247,10 @@ class Tracer:
             self.wasted += balance.factorisations
             reason = Cause.LOSS_OF_ELLIPTICITY
             raise BandedError(reason.value, 0, 0.0, 0, reason)
-        if convex and not self._is_near(s, balance.displacement):
+        slope = slope_in_pressure(self.membrane, balance, self.stiffness)
+        if convex and not self._is_near(s, balance.displacement, slope):
             self.wasted += balance.factorisations
             raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
-        slope = slope_in_pressure(self.membrane, balance, self.stiffness)
         smooth = follow and not rough and not self.closing_in
         if smooth and self._is_rough(s, balance.displacement, slope):
             self.wasted += balance.factorisations
@@ -237,9 +272,13 @@ class Tracer:
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)
 
-    def _is_near(self, s: float, shape: Floats) -> bool:
-        newest = self.levels[-1]
-        return self.is_convex((newest.s**3, newest.displacement), (s**3, shape))
+    def _is_near(self, s: float, shape: Floats, slope: Floats) -> bool:
+        """Whether a shape and its ∂u/∂s are in the valley of the newest level."""
+        below = self.levels[-1]
+        tangents = ((s - below.s) * below.slope, (s - below.s) * slope)
+        return is_over_kinks(shape - below.displacement, *tangents) and self.is_convex(
+            (below.s**3, below.displacement), (s**3, shape), tangents
+        )
 
     def predict(self, s: float) -> Floats:
         """Extrapolation of the newest levels, or of their mirror images where they are few.
