@@ -157,7 +157,7 @@ def _in_one_valley(
 ) -> bool:
     """Whether nothing but kinks lies between two points.
 
-    Where tangents are not alike shorter steps tell, which cost less than a closer look.
+    Where tangents are not alike shorter steps tell, which cost less than to look at both ways.
     """
     change = point.displacement - here.displacement
     short = are_alike(change, *tangents) and is_over_kinks(change, *tangents)

@@ -27,9 +27,8 @@ _PREDICTOR_LEVELS = 3
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's, or a pole is near.
 _POLE = 0.1
-#: Where on the way between two shapes the potential is looked at, as shares of it: where tangents
-#: at both ends are alike, and where they are not, so that the way bends.
-_BETWEEN, _CLOSELY = (0.25, 0.5, 0.75), tuple(k / 8 for k in range(1, 8))
+#: Where on the way between two shapes the potential is looked at, as shares of it.
+_BETWEEN = tuple(k / 8 for k in range(1, 8))
 _TINY = np.finfo(float).tiny
 
 
@@ -152,14 +151,13 @@ class Tracer:
         Stable shapes on either side of a snap have a ridge between them, on which a tangent is not
         positive definite. Over kinks of one branch, however many, all are. The straight way may
         lead round a ridge, as may that of the ends' `tangents` (each by all that lies between):
-        where these are not alike, both are looked at, and more closely.
+        where these are not alike, both are looked at.
         """
         change = high[1] - low[1]
-        if are_alike(change, *tangents):
-            looks = [(share, low[1] + share * change) for share in _BETWEEN]
-        else:
+        looks = [(share, low[1] + share * change) for share in _BETWEEN]
+        if not are_alike(change, *tangents):
             way = CubicHermiteSpline((0.0, 1.0), (low[1], high[1]), tangents)
-            looks = [(t, shape) for t in _CLOSELY for shape in (low[1] + t * change, way(t))]
+            looks += [(share, way(share)) for share in _BETWEEN]
         for share, shape in looks:
             pressure = low[0] + share * (high[0] - low[0])
             state = self.membrane.state(shape, pressure, self.stiffness)
