@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -11,7 +12,7 @@ import pytest
 
 from bulgefit.errors import Cause, SolveError
 from bulgefit.fem.elasticity import orthotropic_stiffness
-from bulgefit.fem.equilibrium import CORRECTION, NewtonError, solve
+from bulgefit.fem.equilibrium import CORRECTION, NewtonError, flat_guess, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.trace import trace
@@ -266,3 +267,20 @@ def test_descent_that_keeps_to_a_valley_leads_over_kinks(benchmark: ModuleType) 
     assert path.stable.all()
     assert membrane.acoustic_margin(path.displacement[-1], stiffness) < 0.0
     assert path.factorisations < 400
+
+
+def test_cloth_whose_cells_collapse_in_bands_has_lost_ellipticity_at_rest(
+    benchmark: ModuleType,
+) -> None:
+    """Descent ran into bands as narrow as a cell, and told that no step makes progress."""
+    case = replace(benchmark.draw(178, 1116), refine=3)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    with pytest.raises(NewtonError, match="no step makes progress"):
+        solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness, patient=True)
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == 0.0
+    assert benchmark.doubts(membrane, stiffness, caught.value, beyond=False) == []
+    unstable = benchmark._unstable_at(membrane, stiffness, 1e-4)
+    assert membrane.acoustic_margin(unstable, stiffness) < 0.0

@@ -288,7 +288,14 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     """Balance the lowest level.
 
     Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
-    shape, the shape at a pressure that draws it taut leads down to it.
+    shape, the shape at a pressure that draws it taut leads down to it. Where the law is not
+    elliptic at rest, descent may run into bands as narrow as a cell, and collapse it: what it
+    left is a balance all the same, and tells that.
+
+    Raises
+    ------
+    StoppedError
+        Where ellipticity is lost from the start.
     """
     membrane, stiffness = tracer.membrane, tracer.stiffness
     try:
@@ -315,7 +322,7 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
                 raise lost_at(tracer, low, 0.0) from banded
             except NewtonError as again:
                 tracer.work += again.work
-        raise error
+        _start_unstable(tracer, low, error)
 
 
 def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
@@ -332,6 +339,25 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
         tracer.solve(float(np.cbrt(p)), guess, follow=False, patient=True)
     except NewtonError:
         raise lost_at(tracer, low, 0.0) from banded
+
+
+def _start_unstable(tracer: Tracer, low: float, error: NewtonError) -> None:
+    """Balance the lowest level where descent (`error`) finds no bottom: stable it may not be.
+
+    Raises
+    ------
+    StoppedError
+        Where it is neither stable nor the law elliptic.
+    """
+    guess = flat_guess(tracer.membrane, low**3, tracer.stiffness)
+    try:
+        tracer.solve(low, guess, follow=True, rough=True)
+    except NewtonError:
+        raise error from None
+    level = tracer.levels[-1]
+    tracer.look_again(level)
+    if not tracer.is_sound(level):
+        raise lost_at(tracer, low, 0.0)
 
 
 def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
