@@ -284,3 +284,14 @@ def test_cloth_whose_cells_collapse_in_bands_has_lost_ellipticity_at_rest(
     assert benchmark.doubts(membrane, stiffness, caught.value, beyond=False) == []
     unstable = benchmark._unstable_at(membrane, stiffness, 1e-4)
     assert membrane.acoustic_margin(unstable, stiffness) < 0.0
+
+
+@pytest.mark.parametrize(("number", "end"), [(1696, 0.157), (1898, 0.1246)])
+def test_a_bend_beside_a_fork_is_no_loss(benchmark: ModuleType, number: int, end: float) -> None:
+    """At 0.872 and 0.283 bar ∂u/∂p becomes nine and five times as large within a thousandth.
+
+    The other side of the fork is unstable, and longer steps led to it: losses were told there.
+    """
+    case = benchmark.draw(181, number)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    assert trace(membrane, stiffness, (1e-4, end)).stable.all()

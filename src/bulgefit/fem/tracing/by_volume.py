@@ -210,10 +210,15 @@ def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
     """Bisect by volume where a branch becomes both unstable and not elliptic.
 
     From below, along the branch's own tangent, since the upper shape may be one of another branch;
-    from the line between the two where that leads nowhere. Steps that neither leads are halved.
+    from the line between the two where that leads nowhere. Steps that neither leads are halved,
+    down to the least: where an imperfection keeps a branch from forking, its stable side bends the
+    more sharply the less that is (Koiter, 1945, "On the stability of elastic equilibrium"), and
+    longer steps lose it to the unstable side.
     """
-    share, least = 0.5, 0.5 * BRACKET * abs(high.volume)
-    while share * (high.volume - low.volume) > least:
+    size, share = abs(high.volume), 0.5
+    while (apart := high.volume - low.volume) > BRACKET * size:
+        if share * apart < LEAST_GROWTH * size:
+            break
         middle = _middle(tracer, low, high, share)
         if middle is None:
             share *= 0.5
