@@ -92,12 +92,18 @@ def test_lowest_margin_of_a_shape_is_that_of_its_points() -> None:
     margins = np.array(
         [[point_margin(p[0, 0], p[1, 1], p[0, 1], q, law, True)[0] for p in cell] for cell in c]
     )
-    lowest, where = least_margin(x, mesh.cells, gradient, q, law, True)
+    lowest, where = least_margin(x, mesh.cells, gradient, q, law, True, -math.inf)
     assert lowest == pytest.approx(margins.min(), rel=1e-9)
     assert lowest < 0.0
     assert where == np.unravel_index(margins.argmin(), margins.shape)[0]
+    # that some are below a tenth of it the first of them tells
+    first = int(np.argmax(margins.ravel() < 0.1 * lowest))
+    some, there = least_margin(x, mesh.cells, gradient, q, law, True, 0.1 * lowest)
+    assert some == pytest.approx(margins.ravel()[first], rel=1e-9)
+    assert there == first // 4 != where
     stretched, stiff = 1.01 * membrane.reference, parameters(STIFFNESS)
-    assert least_margin(stretched, mesh.cells, gradient, stiff, law, True) == (math.inf, -1)
+    nothing = least_margin(stretched, mesh.cells, gradient, stiff, law, True, -math.inf)
+    assert nothing == (math.inf, -1)
 
 
 @pytest.mark.parametrize("amplitude", [1e-2, 1e-4, 1e-5])

@@ -102,7 +102,7 @@ def _is_convex(at):
 
 
 @compiled
-def least_margin(x, cells, gradient, q, law, relax):
+def least_margin(x, cells, gradient, q, law, relax, enough):
     """The lowest `acoustic_margin` over the Gauss points of a shape.
 
     Parameters
@@ -112,11 +112,14 @@ def least_margin(x, cells, gradient, q, law, relax):
     gradient : (m, 4, 4, 2) array, 1/mm
     q, law, relax
         As `relaxation.point_response` takes them.
+    enough : float, MPa
+        The search ends at the first point whose margin is below it.
 
     Returns
     -------
     margin : float, MPa
-        Infinite where the strain energy is convex at every point; NaN where a cell has collapsed.
+        Infinite where the strain energy is convex at every point; NaN where a cell has collapsed,
+        unless the search has ended before.
     cell : int
         Where it is lowest; -1 where it is infinite.
     """
@@ -137,4 +140,6 @@ def least_margin(x, cells, gradient, q, law, relax):
                 margin, _ = acoustic_margin(c11, c22, c12, at)
                 if margin < lowest:
                     lowest, where = margin, k
+                    if lowest < enough:
+                        return lowest, where
     return lowest, where

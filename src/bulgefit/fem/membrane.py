@@ -549,11 +549,19 @@ class Membrane:
 
         Infinite where no point needs a search; NaN where a cell has collapsed.
         """
+        return self._margin(displacement, stiffness, enough=-np.inf)
+
+    def is_elliptic(self, displacement: Floats, stiffness: Floats) -> bool:
+        """Whether `acoustic_margin` is not negative, which the first point may tell where it is."""
+        return self._margin(displacement, stiffness, enough=-ROUNDING) >= 0.0
+
+    def _margin(self, displacement: Floats, stiffness: Floats, *, enough: float) -> float:
+        modulus = float(stiffness[0] + stiffness[1])
         margin, _ = least_margin(
             self.reference + displacement, self.mesh.cells, self.surface.gradient,
-            self.law_parameters(stiffness), LAWS[self.law], self.relaxation,
+            self.law_parameters(stiffness), LAWS[self.law], self.relaxation, enough * modulus,
         )  # fmt: skip
-        relative = margin / (stiffness[0] + stiffness[1])
+        relative = margin / modulus
         return 0.0 if abs(relative) <= ROUNDING else relative
 
     def factorise(self, state: State, shift: float = 0.0, *, spent: bool = False) -> Factor:

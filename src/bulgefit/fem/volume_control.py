@@ -29,6 +29,9 @@ Floats = NDArray[np.float64]
 #: Newton's method converges quadratically from a shape near by, or not at all. Where wrinkles come
 #: and go, a correction may be longer than the one before it; where two are, it does not contract.
 _ITERATIONS, _LONGER = 10, 2
+#: Corrections (mm, for a radius of 100 mm) after which the factor at hand serves for the next: they
+#: change ∂u/∂V by less than what any test of it asks for.
+_RENEWED_ABOVE = 1e-5
 #: What a correction of wrinkled cloth may be, over one that counts, to be the last: steps go on
 #: from the shape, and levels are balanced from it.
 _WRINKLED = 1e3
@@ -73,21 +76,26 @@ def at_volume(
     ------
     NewtonError
     """
-    displacement, close = membrane.tied(start), CORRECTION * membrane.radius / 100.0
-    before, longer = np.inf, 0
+    displacement, unit = membrane.tied(start), membrane.radius / 100.0
+    close, size, longer, work = CORRECTION * unit, np.inf, 0, 0
     for iteration in range(1, _ITERATIONS + 1):
-        state = membrane.state(displacement, pressure, stiffness)
-        if state.tangent is None or not np.isfinite(state.potential):
-            raise NewtonError("a cell has collapsed", iteration, np.inf, iteration, Cause.COLLAPSED)
-        try:
-            factor, stable = _factor(membrane, state)
-        except NotPositiveDefiniteError as error:
-            residual = float(np.abs(state.residual).max())
-            raise NewtonError(
-                f"the tangent is singular ({error})", iteration, residual, iteration
-            ) from error
+        before, renewed = size, size > _RENEWED_ABOVE * unit
+        state = membrane.state(displacement, pressure, stiffness, tangent=renewed)
+        if not np.isfinite(state.potential):
+            raise NewtonError("a cell has collapsed", iteration, np.inf, work, Cause.COLLAPSED)
         force = membrane.pressure_force(displacement)
-        back, ahead = factor.solve(np.array([state.residual, force]).T).T
+        if renewed:
+            work += 1
+            try:
+                factor, stable = _factor(membrane, state)
+            except NotPositiveDefiniteError as error:
+                residual = float(np.abs(state.residual).max())
+                raise NewtonError(
+                    f"the tangent is singular ({error})", iteration, residual, work
+                ) from error
+            back, ahead = factor.solve(np.array([state.residual, force]).T).T
+        else:
+            back = factor.solve(state.residual)
         growth = float(force @ ahead)
         rate = (volume - membrane.volume(displacement) + force @ back) / growth
         correction = rate * ahead - back
@@ -102,13 +110,12 @@ def at_volume(
         settled = size < 1e-3 * before and size * size <= close * membrane.radius
         if size <= close or (settled and (state.wrinkled == 0 or size <= _WRINKLED * close)):
             slope = membrane.spread(ahead) / growth
-            return Point(displacement, pressure, volume, stable, 1.0 / growth, slope, iteration)
+            return Point(displacement, pressure, volume, stable, 1.0 / growth, slope, work)
         longer += size >= before
         if longer == _LONGER:
             break
-        before = size
     residual = float(np.abs(state.residual).max())
-    raise NewtonError("no convergence at a given volume", iteration, residual, iteration)
+    raise NewtonError("no convergence at a given volume", iteration, residual, work)
 
 
 def _factor(membrane: Membrane, state: State) -> tuple[Factor, bool]:

@@ -473,7 +473,7 @@ def _solved(
             return solve(membrane, guess, float(pressure), stiffness, follow=True)
         except NewtonError:
             found = solve(membrane, guess, float(pressure), stiffness)
-            if loose or membrane.acoustic_margin(found.displacement, stiffness) >= 0.0:
+            if loose or membrane.is_elliptic(found.displacement, stiffness):
                 return found
             raise
     except NewtonError as error:

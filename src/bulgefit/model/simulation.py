@@ -295,9 +295,7 @@ def _simulated(
             membrane.state(u, p, given.stiffness, tangent=False).wrinkled
             for u, p in zip(shapes.displacement, balanced, strict=True)
         ]
-        elliptic = [
-            membrane.acoustic_margin(u, given.stiffness) >= 0.0 for u in shapes.displacement
-        ]
+        elliptic = [membrane.is_elliptic(u, given.stiffness) for u in shapes.displacement]
     displacement, correction = shapes.displacement, virtual.correction
     return Simulation(
         membrane=membrane,

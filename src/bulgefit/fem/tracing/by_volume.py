@@ -20,6 +20,9 @@ Floats = NDArray[np.float64]
 
 #: Growth of the volume in a step by volume: at first, the least that is tried, and the most.
 _GROWTH, LEAST_GROWTH, _MOST_GROWTH = 0.05, 1e-6, 0.2
+#: How many times as long as one that has led on the next step may be, and the share that is taken
+#: of one that would just do.
+_LONGEST, _SURE = 1.5, 0.9
 #: Steps by volume before pressure is stepped again from wherever they have led.
 PATIENTLY = 40
 
@@ -79,7 +82,25 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
         if falls:
             raise _limit(tracer, points)
         yield point
-        growth = min(1.5 * growth, _MOST_GROWTH)
+        growth = min(_longer(tracer, here, point) * growth, _MOST_GROWTH)
+
+
+def _longer(tracer: Tracer, here: Point, point: Point) -> float:
+    """How many times as long the next step may be as one that has led to a point.
+
+    Where a branch is about to fold ∂u/∂p grows as one over the way that is left. Of that a step may
+    take half where the law is not elliptic (`_may_fold`): h/2(R - 1) after one of h by which ∂u/∂p
+    has grown by a factor R.
+    """
+    grown = _speed(point) / _speed(here)
+    if not tracer.elliptic or grown <= 1.0 + 0.5 * _SURE / _LONGEST:
+        return _LONGEST
+    return _LONGEST if tracer.is_elliptic(point.displacement) else 0.5 * _SURE / (grown - 1.0)
+
+
+def _speed(point: Point) -> float:
+    """The greatest ∂u/∂p of any node, mm/MPa."""
+    return float(np.abs(point.slope).max()) / point.rate
 
 
 def ahead_of(tracer: Tracer, point: Point) -> tuple[float, Floats, Floats]:
@@ -175,8 +196,8 @@ def _may_fold(here: Point, point: Point) -> bool:
     """
     if point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume):
         return False
-    moves = sorted(float(np.abs(one.slope).max()) / one.rate for one in (here, point))
-    return 0.0 < 2.0 * moves[0] < moves[1]
+    speeds = sorted((_speed(here), _speed(point)))
+    return 0.0 < 2.0 * speeds[0] < speeds[1]
 
 
 def _past_turn(
@@ -209,18 +230,18 @@ def _past_turn(
 def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
     """Bisect by volume where a branch becomes both unstable and not elliptic.
 
-    From below, along the branch's own tangent, since the upper shape may be one of another branch;
-    from the line between the two where that leads nowhere. Steps that neither leads are halved,
-    down to the least: where an imperfection keeps a branch from forking, its stable side bends the
-    more sharply the less that is (Koiter, 1945, "On the stability of elastic equilibrium"), and
-    longer steps lose it to the unstable side.
+    From below, along the branch's own tangent, since the upper shape may be one of another branch.
+    Steps that this does not lead are halved, down to the least: where an imperfection keeps a
+    branch from forking, its stable side bends the more sharply the less that is (Koiter, 1945, "On
+    the stability of elastic equilibrium"), and longer steps lose it to the unstable side.
     """
     size, share = abs(high.volume), 0.5
     while (apart := high.volume - low.volume) > BRACKET * size:
         if share * apart < LEAST_GROWTH * size:
             break
-        middle = _middle(tracer, low, high, share)
-        if middle is None:
+        try:
+            middle = _at_volume(tracer, low, low.volume + share * apart)
+        except NewtonError:
             share *= 0.5
             continue
         share = min(2.0 * share, 0.5)
@@ -229,18 +250,6 @@ def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
         else:
             high = middle
     return low, high
-
-
-def _middle(tracer: Tracer, low: Point, high: Point, share: float) -> Point | None:
-    """A point of the branch of `low` at a share of the volume between two."""
-    volume = low.volume + share * (high.volume - low.volume)
-    with suppress(NewtonError):
-        return _at_volume(tracer, low, volume)
-    start = low.displacement + share * (high.displacement - low.displacement)
-    pressure = low.pressure + share * (high.pressure - low.pressure)
-    with suppress(NewtonError):
-        return _checked(tracer, low, _from(tracer, start, pressure, volume))
-    return None
 
 
 def _from(tracer: Tracer, start: Floats, pressure: float, volume: float) -> Point:

@@ -136,8 +136,8 @@ class Tracer:
     def is_elliptic(self, displacement: Floats) -> bool:
         """Whether the law is elliptic all over a shape."""
         if self._looked_at is None or self._looked_at[0] is not displacement:
-            margin = self.membrane.acoustic_margin(displacement, self.stiffness)
-            self._looked_at = displacement, bool(margin >= 0.0)
+            elliptic = self.membrane.is_elliptic(displacement, self.stiffness)
+            self._looked_at = displacement, elliptic
         return self._looked_at[1]
 
     def is_convex(
