@@ -721,7 +721,7 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/levels.py",
-        "for k in range(1, 8))",
+        "for k in range(1, 16))",
         "for k in range(1, 1))",
         "fem/test_robustness.py",
     ),

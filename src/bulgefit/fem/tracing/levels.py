@@ -27,8 +27,9 @@ _PREDICTOR_LEVELS = 3
 _APART = 0.25
 #: Share of its size by which a level's slope may differ from a parabola's, or a pole is near.
 _POLE = 0.1
-#: Where on the way between two shapes the potential is looked at, as shares of it.
-_BETWEEN = tuple(k / 8 for k in range(1, 8))
+#: Where on the way between two shapes the potential is looked at, as shares of it: a snap that is
+#: an eighth of a step has a ridge over a thirteenth of the way.
+_BETWEEN = tuple(k / 16 for k in range(1, 16))
 _TINY = np.finfo(float).tiny
 
 
