@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
@@ -358,6 +359,25 @@ def test_descends_a_bent_valley_within_what_balances(end):
     least = minimize(misfit, [1.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-9}).fun
     assert misfit(fit.x) == pytest.approx(least, abs=0.01)  # of -2 ln Z
     assert fit.steps <= 30
+
+
+def test_a_descent_holds_one_point_while_it_looks_at_the_next():
+    """With hundreds of coordinates and all points of a test each is 300 MB."""
+    rows, held = list[Any](), list[int]()
+
+    class Watched(Known):
+        def linearise(self, x: np.ndarray, columns: np.ndarray, near: Any = None) -> Linearised:
+            here = super().linearise(x, columns, near)
+            if len(columns):  # it is no landing
+                held.append(sum(other() is not None for other in rows))
+                rows.append(weakref.ref(here.rows))
+            return here
+
+    problem = Watched([group("a", [5.0, 5.0])], np.array([0.0, 10.0]), rosenbrock)
+    layout = Layout.of(problem.groups)
+    descend(problem, layout, layout.whole(), np.array([-1.0, 1.0]))
+    assert len(held) > 3
+    assert max(held) == 1
 
 
 def parabola(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

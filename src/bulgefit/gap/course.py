@@ -107,7 +107,8 @@ def most_probable(
         prepared, coordinates, layout, rough, origin, say, pace, executor, thorough=thorough
     )
     found = search.best
-    give_back()  # what was taken for all fields at once: all points need as much again
+    # what all fields took at once all points need again, while workers have nothing to do
+    give_back(executor)
     pace.begins(Stage.POINTS)
     say("the best model, by all points")
     for index, p in enumerate(prepared):

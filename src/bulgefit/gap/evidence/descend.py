@@ -149,9 +149,9 @@ def descend(
     columns = layout.columns(model)
     x = np.array(layout.null)
     x[columns] = np.maximum(start[columns], layout.lower[columns])
-    here = problem.linearise(x, columns, near)
     until = _Until(steps, roughly, share, hope, doubted)
-    found = _descended(problem, layout, model, here, until)
+    # without a name here, what the start takes is let go with the first step
+    found = _descended(problem, layout, model, problem.linearise(x, columns, near), until)
     while found.converged and (side := _other_side(problem, layout, found, until)) is not None:
         until = replace(until, steps=steps - found.steps, doubted=False)
         ahead = _descended(problem, layout, model, side, until)

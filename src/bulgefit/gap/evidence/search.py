@@ -20,6 +20,7 @@ from bulgefit.gap.evidence.problem import Layout, Linearised, Model, Problem
 from bulgefit.gap.evidence.sides import best_side
 from bulgefit.gap.evidence.told import told
 from bulgefit.parallel.journal import kept
+from bulgefit.parallel.memory import give_back
 from bulgefit.parallel.spread import spread
 from bulgefit.parallel.threads import pool_of
 
@@ -162,6 +163,8 @@ class Search(Generic[Kind]):
     ) -> None:
         """Keep the fits that each task found, in their order, whoever did them."""
         some = self.executor if len(items) > 1 else None  # one is no sooner done elsewhere
+        if some is not None:
+            give_back()  # what is free here is memory that workers need
         with pool_of(1) if some is None else nullcontext(some) as executor:
             for found in spread(executor, task, shared, items):
                 for fit in found:
