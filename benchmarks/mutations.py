@@ -311,8 +311,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "0.5 * BRACKET * abs",
-        "500.0 * BRACKET * abs",
+        "> BRACKET * size",
+        "> 500.0 * BRACKET * size",
         "fem/test_path.py",
     ),
     Mutant(
@@ -456,8 +456,8 @@ MUTANTS = (
     Mutant("model/softening.py", "up - 2.0 * here + down", "up - here", WEIGHING),
     Mutant(
         "model/inflation.py",
-        "(found.displacement, stiffness) >= 0.0",
-        "(found.displacement, stiffness) < 9.0",
+        "if loose or membrane",
+        "if True or membrane",
         WEIGHING,
     ),
     Mutant("gap/evidence/weighing.py", "near, strictly=True", "near", "gap/test_gap_weighing.py"),
@@ -545,8 +545,8 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "0.0 < 2.0 * moves[0] < moves[1]",
-        "0.0 < 200.0 * moves[0] < moves[1]",
+        "0.0 < 2.0 * speeds[0] < speeds[1]",
+        "0.0 < 200.0 * speeds[0] < speeds[1]",
         "fem/test_path.py",
     ),
     Mutant(
@@ -730,6 +730,24 @@ MUTANTS = (
         "if self.convex:",
         "if False:",
         "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/trace.py",
+        "if not tracer.is_sound(level):",
+        "if tracer.is_sound(level):",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "apart < LEAST_GROWTH * size",
+        "apart < 100.0 * LEAST_GROWTH * size",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/ellipticity.py",
+        "if lowest < enough:",
+        "if lowest > enough:",
+        "fem/test_ellipticity.py",
     ),
 )
 

@@ -267,7 +267,7 @@ def test_descent_that_keeps_to_a_valley_leads_over_kinks(benchmark: ModuleType) 
     path = trace(membrane, stiffness)
     assert path.stable.all()
     assert membrane.acoustic_margin(path.displacement[-1], stiffness) < 0.0
-    assert path.factorisations < 400
+    assert path.factorisations < 700
 
 
 def test_cloth_whose_cells_collapse_in_bands_has_lost_ellipticity_at_rest(
@@ -278,10 +278,11 @@ def test_cloth_whose_cells_collapse_in_bands_has_lost_ellipticity_at_rest(
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     with pytest.raises(NewtonError, match="no step makes progress"):
         solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness, patient=True)
-    with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness)
-    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-    assert caught.value.reached == 0.0
+    for high in (1e-4, 0.3):
+        with pytest.raises(SolveError) as caught:
+            trace(membrane, stiffness, (1e-4, high))
+        assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+        assert caught.value.reached == 0.0
     assert benchmark.doubts(membrane, stiffness, caught.value, beyond=False) == []
     unstable = benchmark._unstable_at(membrane, stiffness, 1e-4)
     assert membrane.acoustic_margin(unstable, stiffness) < 0.0
