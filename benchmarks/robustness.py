@@ -39,6 +39,7 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import KDTree
 
 from bulgefit.errors import Cause, InputError, SolveError
@@ -59,6 +60,8 @@ LAWS = ("hencky", "svk", "yarn")
 MESHES = (2, 3, 4)
 #: Sets that are traced in each process before its own: of all laws, some of which lose ellipticity.
 _WARM = 24
+#: Pressures at which the work along a path is looked at, about: a few where it has many levels.
+_POINTS = 90
 #: mm: what balanced shapes may differ by from their mirror images. Corrections are below 1e-9 mm
 #: and cloth may be a thousand times as loose across its folds as along them.
 ALIKE = 1e-5
@@ -179,20 +182,21 @@ def _unlike(membrane: Membrane, path: Path) -> float:
 def _balances(membrane: Membrane, stiffness: np.ndarray, path: Path, *, solved: bool) -> bool:
     """Whether the energy stored between the ends is p2 V2 - p1 V1 - ∫ V dp to a thousandth.
 
-    With the volumes of the dense output; `solved`: of shapes that are balanced from it, or from the
-    levels' own mean or the upper one where it is too coarse for that.
+    With the volumes of the dense output; `solved`: of shapes that are balanced from what two levels
+    say of their own way, from the dense output, which goes by others too, or from the upper level.
     """
-    at, weight = np.polynomial.legendre.leggauss(6)
     levels = np.cbrt(path.pressure)
+    at, weight = np.polynomial.legendre.leggauss(max(6, _POINTS // len(levels)))
     work = 0.0
     for first, (low, high) in enumerate(pairwise(levels)):
         s = 0.5 * (low + high) + 0.5 * (high - low) * at
-        ends = path.displacement[first : first + 2]
+        ends = slice(first, first + 2)
+        upper = path.displacement[first + 1]
+        way = CubicHermiteSpline(levels[ends], path.displacement[ends], path.slope[ends])
         for k, shape in enumerate(path(s**3)):
             if solved:
-                found = _balanced(
-                    membrane, stiffness, float(s[k] ** 3), (shape, ends.mean(axis=0), ends[1])
-                )
+                starts = (way(s[k]), shape, upper)
+                found = _balanced(membrane, stiffness, float(s[k] ** 3), starts)
                 if found is None:
                     return False
                 shape = found
