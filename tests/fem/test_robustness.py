@@ -300,3 +300,14 @@ def test_a_bend_beside_a_fork_is_no_loss(benchmark: ModuleType, number: int, end
     case = benchmark.draw(181, number)
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     assert trace(membrane, stiffness, (1e-4, end)).stable.all()
+
+
+def test_descent_that_failed_is_tried_again_where_a_shorter_step_led_on(
+    benchmark: ModuleType,
+) -> None:
+    """From 0.001 bar it leaps into bands of shear; each level then took two steps, 500 in all."""
+    case = benchmark.draw(181, 1597)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness)
+    assert path.stable.all()
+    assert path.factorisations < 430

@@ -70,6 +70,7 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
     if loose and not convex and tracer.creeps:
         tracer.creeps = _creep(tracer, _SHORTER_STILL[:1], step, patient=False)
         if tracer.creeps:
+            tracer.descends = True  # a step from here is no longer than this one
             return (tracer.levels[-1].s - last) / step
     try:
         go_by_volume(tracer, last + min(_SHORTER) * step, end, failure)

@@ -124,7 +124,8 @@ class Tracer:
         self.work = 0
         self.wasted = 0
         self.closing_in = False
-        #: Descent is long where it fails, so it is not tried again then.
+        #: Descent is long where it fails, so it is not tried again then, until a shorter step by it
+        #: has led on.
         self.descends, self.creeps = True, True
         #: Whether no step in pressure had found the last level by a search along the path, however
         #: short, or descent had; and whether descent had found the last one between others.
