@@ -194,12 +194,12 @@ def _relaxed(c11, c22, c12, q, law):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed.
 
     Where D12 is above D11 or D22 and shear is stiff, W has another minimum over a, at which what
-    is left of the stress is compression across the wrinkle.
+    is left of the stress is compression across the wrinkle; or the way to the minimum is too long.
     """
     flat = law.response(c11, c22, c12, q)
     a1, a2 = _along_compression(q, flat)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
-    if at[1] + at[2] < -_NO_STRESS * (q[0] + q[1]):
+    if not converged or at[1] + at[2] < -_NO_STRESS * (q[0] + q[1]):
         a1, a2 = _lowest(c11, c22, c12, q, law, flat)
         converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
     return (WRINKLED if converged else -1), a1, a2, at

@@ -82,7 +82,8 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
         if falls:
             raise _limit(tracer, points)
         yield point
-        growth = min(_longer(tracer, here, point) * growth, _MOST_GROWTH)
+        growth *= _longer(tracer, here, point)
+        growth = min(max(growth, LEAST_GROWTH), _MOST_GROWTH)  # over a kink ∂u/∂p grows at once
 
 
 def _longer(tracer: Tracer, here: Point, point: Point) -> float:
