@@ -142,6 +142,23 @@ def test_the_wrinkle_is_the_one_of_least_energy(law: str) -> None:
                 assert found[0] <= other[0] + 1e-12
 
 
+def test_a_wrinkle_whose_way_from_the_first_start_is_long_is_found_from_another() -> None:
+    """Of cloth that contracts by all but as much as it may; such a point was a collapsed cell."""
+    slack = (0.006173568247207686, -0.0088678970647219, *STRAIGHT[2:])
+    moduli = (44.88473795427328, 4472.73020170974, 0.6043004757550353, 0.10015954855803234)
+    q = (*orthotropic_stiffness(*moduli), *slack, *NO_CURVES)
+    c, out = np.array([0.9795677343089352, 0.9843218558860657, -0.006522438336506953]), np.empty(10)
+    assert point_response(*c, q, LAWS["hencky"], True, out) == WRINKLED
+    assert abs(np.linalg.eigvalsh([[out[1], out[3]], [out[3], out[2]]])[0]) <= 1e-11 * (q[0] + q[1])
+    found, other = out[0], np.empty(10)
+    for angle in np.linspace(0.0, np.pi, 90, endpoint=False):
+        for size in np.linspace(0.05, 0.2, 31):
+            a, b = size * np.cos(angle), size * np.sin(angle)
+            wrinkle = np.array([a * a, b * b, a * b])
+            point_response(*(c + wrinkle), q, LAWS["hencky"], False, other)
+            assert found <= other[0] + 1e-12
+
+
 #: E1, E2, G12 and nu12 of cloth that contracts by all but as much as it may, and of soft yarns in
 #: stiff shear; the range of logarithmic strains, and how often they are drawn.
 HARD = {

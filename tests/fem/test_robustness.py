@@ -311,3 +311,11 @@ def test_descent_that_failed_is_tried_again_where_a_shorter_step_led_on(
     path = trace(membrane, stiffness)
     assert path.stable.all()
     assert path.factorisations < 430
+
+
+def test_a_kink_just_behind_another_is_stepped_over(benchmark: ModuleType) -> None:
+    """At 0.52391 bar; behind the first the next step was to be shorter than the shortest."""
+    membrane, stiffness, error = end_of(benchmark, 183, 1952)
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert error.reached == pytest.approx(0.234279, rel=2e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
