@@ -290,39 +290,53 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
     shape, the shape at a pressure that draws it taut leads down to it. Where the law is not
     elliptic at rest, descent may run into bands as narrow as a cell, and collapse it: what it
-    left is a balance all the same, and tells that.
+    left is a balance all the same, and tells that. Cloth without a wrinkle no pressure draws taut.
 
     Raises
     ------
     StoppedError
         Where ellipticity is lost from the start.
+    NewtonError
     """
-    membrane, stiffness = tracer.membrane, tracer.stiffness
     try:
-        guess = flat_guess(membrane, low**3, stiffness)
+        guess = flat_guess(tracer.membrane, low**3, tracer.stiffness)
         tracer.solve(low, guess, follow=False, patient=True)
     except BandedError as banded:
         _start_lower(tracer, low, banded)
-    except NewtonError as error:
-        for factor in TAUTER:
-            pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
-            if pressures[0] > high**3:
-                break
-            shape = flat_guess(membrane, pressures[0], stiffness)
-            try:
-                for p in pressures[:-1]:
-                    balance = solve(membrane, shape, p, stiffness, patient=True)
-                    tracer.work += balance.factorisations
-                    shape = balance.displacement
-                    if tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape):
-                        raise lost_at(tracer, low, 0.0)
-                tracer.solve(low, shape, follow=False)
-                return
-            except BandedError as banded:
-                raise lost_at(tracer, low, 0.0) from banded
-            except NewtonError as again:
-                tracer.work += again.work
-        _start_unstable(tracer, low, error)
+    except NewtonError:
+        taut = _start_unstable(tracer, low, taut=True)
+        if not (taut or _start_taut(tracer, low, high) or _start_unstable(tracer, low, taut=False)):
+            raise
+
+
+def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
+    """Balance the lowest level from a pressure that draws it taut; False where none leads to it.
+
+    Raises
+    ------
+    StoppedError
+        Where that is past the loss of ellipticity.
+    """
+    membrane, stiffness = tracer.membrane, tracer.stiffness
+    for factor in TAUTER:
+        pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
+        if pressures[0] > high**3:
+            break
+        shape = flat_guess(membrane, pressures[0], stiffness)
+        try:
+            for p in pressures[:-1]:
+                balance = solve(membrane, shape, p, stiffness, patient=True)
+                tracer.work += balance.factorisations
+                shape = balance.displacement
+                if tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape):
+                    raise lost_at(tracer, low, 0.0)
+            tracer.solve(low, shape, follow=False)
+            return True
+        except BandedError as banded:
+            raise lost_at(tracer, low, 0.0) from banded
+        except NewtonError as again:
+            tracer.work += again.work
+    return False
 
 
 def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
@@ -341,8 +355,10 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
         raise lost_at(tracer, low, 0.0) from banded
 
 
-def _start_unstable(tracer: Tracer, low: float, error: NewtonError) -> None:
-    """Balance the lowest level where descent (`error`) finds no bottom: stable it may not be.
+def _start_unstable(tracer: Tracer, low: float, *, taut: bool) -> bool:
+    """Balance the lowest level, stable or not, if it has no wrinkle or need not be `taut`.
+
+    False where that is not found.
 
     Raises
     ------
@@ -353,11 +369,15 @@ def _start_unstable(tracer: Tracer, low: float, error: NewtonError) -> None:
     try:
         tracer.solve(low, guess, follow=True, rough=True)
     except NewtonError:
-        raise error from None
+        return False
     level = tracer.levels[-1]
+    if taut and level.wrinkled:
+        tracer.levels.clear()
+        return False
     tracer.look_again(level)
     if not tracer.is_sound(level):
         raise lost_at(tracer, low, 0.0)
+    return True
 
 
 def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
