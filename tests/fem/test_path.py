@@ -483,7 +483,7 @@ def test_a_loss_is_the_branchs_own_fold() -> None:
     fold = _fold(membrane, stiffness, below.displacement[-1], 1e-6)
     assert not fold.stable
     assert membrane.acoustic_margin(fold.displacement, stiffness) < 0.0
-    # it is bisected to half of `BRACKET` of the volume, from whatever point lies below it
+    # it is bisected to `BRACKET` of the volume, from whatever point lies below it
     assert caught.value.reached == pytest.approx(fold.pressure, rel=1e-4)
 
 
