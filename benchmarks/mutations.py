@@ -297,7 +297,7 @@ MUTANTS = (
         "fem/test_path.py",
     ),
     Mutant(
-        "fem/tracing/levels.py", "potentials[1] < pot", "potentials[1] > pot", "fem/test_path.py"
+        "fem/tracing/levels.py", ", potentials, np.inf", ", potentials, -np.inf", "fem/test_path.py"
     ),
     Mutant("fem/tracing/between.py", "np.argmax(errors)", "np.argmin(errors)", "fem/test_path.py"),
     Mutant(
@@ -539,7 +539,7 @@ MUTANTS = (
     Mutant("effects/places.py", "if shape != 0.0", "if shape > 0.0", SIGNS),
     Mutant(
         "fem/tracing/by_volume.py",
-        "before, after, tracer.tolerance)",
+        "before, after, 2.0 * tracer.tolerance)",
         "before, after, 1e3 * tracer.tolerance)",
         "fem/test_path.py",
     ),
@@ -731,10 +731,17 @@ MUTANTS = (
         "if False:",
         "fem/test_robustness.py",
     ),
+    Mutant("fem/relaxation.py", "-snn * abs(snn) / cnn", "snn * abs(snn) / cnn", CONSISTENCY),
     Mutant(
-        "fem/trace.py",
-        "if not tracer.is_sound(level):",
-        "if tracer.is_sound(level):",
+        "fem/relaxation.py",
+        "math.sqrt(max(short, 0.0))",
+        "math.sqrt(max(-short, 0.0))",
+        CONSISTENCY,
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "not (near and _is_short(",
+        "not (near and not _is_short(",
         "fem/test_robustness.py",
     ),
     Mutant(

@@ -269,23 +269,9 @@ def _doubts_of_loss(membrane: Membrane, stiffness: np.ndarray, error: SolveError
         above = found
         if above is not None and p == error.pressure:
             break
-    if above is None:
-        above = _unstable_at(membrane, stiffness, error.pressure)
     if above is None or membrane.acoustic_margin(above, stiffness) >= 0.0:
         return ["elliptic beside it"]
     return []
-
-
-def _unstable_at(membrane: Membrane, stiffness: np.ndarray, p: float) -> np.ndarray | None:
-    """The unstable shape that balances a pressure (MPa) and that descent leaves; None without one.
-
-    Where descent goes on into bands as narrow as a cell, until one collapses, it finds no other.
-    """
-    with suppress(NewtonError):
-        guess = flat_guess(membrane, p, stiffness)
-        balance = solve(membrane, guess, p, stiffness, follow=True, exact=True)
-        return None if balance.stable else balance.displacement
-    return None
 
 
 def _path_below(membrane: Membrane, stiffness: np.ndarray, error: SolveError) -> Path | None:

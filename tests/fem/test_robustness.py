@@ -273,22 +273,20 @@ def test_descent_that_keeps_to_a_valley_leads_over_kinks(benchmark: ModuleType) 
     assert path.factorisations < 700
 
 
-def test_cloth_whose_cells_collapse_in_bands_has_lost_ellipticity_at_rest(
-    benchmark: ModuleType,
+@pytest.mark.parametrize(("seed", "number", "refine"), [(178, 1116, 3), (184, 8116, 4)])
+def test_descent_into_bands_of_shear_ends_in_balance(
+    benchmark: ModuleType, seed: int, number: int, refine: int
 ) -> None:
-    """Descent ran into bands as narrow as a cell, and told that no step makes progress."""
-    case = replace(benchmark.draw(178, 1116), refine=3)
+    """One point of 3,648 took a wrinkle of more energy, and no step made progress."""
+    case = replace(benchmark.draw(seed, number), refine=refine)
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
-    with pytest.raises(NewtonError, match="no step makes progress"):
-        solve(membrane, flat_guess(membrane, 1e-4, stiffness), 1e-4, stiffness, patient=True)
-    for high in (1e-4, 0.3):
-        with pytest.raises(SolveError) as caught:
-            trace(membrane, stiffness, (1e-4, high))
-        assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
-        assert caught.value.reached == 0.0
+    guess = flat_guess(membrane, 1e-4, stiffness)
+    assert solve(membrane, guess, 1e-4, stiffness, patient=True).leapt
+    with pytest.raises(SolveError) as caught:
+        trace(membrane, stiffness)
+    assert caught.value.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert caught.value.reached == 0.0
     assert benchmark.doubts(membrane, stiffness, caught.value, beyond=False) == []
-    unstable = benchmark._unstable_at(membrane, stiffness, 1e-4)
-    assert membrane.acoustic_margin(unstable, stiffness) < 0.0
 
 
 @pytest.mark.parametrize(("number", "end"), [(1696, 0.157), (1898, 0.1246)])
@@ -319,3 +317,26 @@ def test_a_kink_just_behind_another_is_stepped_over(benchmark: ModuleType) -> No
     assert error.cause is Cause.LOSS_OF_ELLIPTICITY
     assert error.reached == pytest.approx(0.234279, rel=2e-4)
     assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
+
+
+@pytest.mark.parametrize(("number", "reached"), [(546, 0.0918469), (7103, 0.2999091)])
+def test_a_leap_within_the_paths_tolerance_is_stepped_over(
+    benchmark: ModuleType, number: int, reached: float
+) -> None:
+    """At 0.8226 and 2.8993 bar pressure falls by 5e-8 and 2e-6 MPa; losses were told there."""
+    membrane, stiffness, error = end_of(benchmark, 184, number)
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert error.reached == pytest.approx(reached, rel=2e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
+
+
+@pytest.mark.parametrize(("number", "work"), [(2088, 1167), (8499, 1114), (2707, 702), (983, 538)])
+def test_loose_cloth_takes_little_more_than_half_the_work(
+    benchmark: ModuleType, number: int, work: int
+) -> None:
+    """Of what it took before descents were as short as the law is elliptic, and began lowest."""
+    case = benchmark.draw(184, number)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness)
+    assert path.stable.all()
+    assert path.factorisations < 0.8 * work

@@ -29,6 +29,9 @@ TAUT, WRINKLED, SLACK = 0, 1, 2
 _NO_STRESS = 1e-10
 #: Directions of a wrinkle that are tried over a half turn where the first one does not do.
 _DIRECTIONS = 36
+#: Unit vectors over a half turn, and one more at either end, by this angle apart.
+_APART = math.pi / 12
+_WAYS = tuple((math.cos(k * _APART), math.sin(k * _APART)) for k in range(-1, 13))
 
 #: W, S and CC of a point without stress.
 _NOTHING = (0.0,) * 10
@@ -50,38 +53,85 @@ def is_compressed(s11, s22, s12, modulus):
 
 
 @merged
-def _amplitude(n1, n2, q, at):
-    """Of the wrinkle along a unit vector n that frees it to first order; zero in tension."""
+def _freed(n1, n2, q, at):
+    """What a wrinkle along a unit vector n does, to first order of the stress.
+
+    With ΔE = ½ a⊗a, W + S ΔE + ½ ΔE CC ΔE is least over the amplitude |a|: by ½ Snn²/CCnnnn,
+    where n is compressed.
+
+    Returns
+    -------
+    amplitude : float
+        Zero in tension.
+    worth : float, MPa
+        Twice the energy that it frees; below zero in tension.
+    """
     v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
     snn = at[1] * v1 + at[2] * v2 + 2.0 * at[3] * v3
     cnn = (
         at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
         + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
     )  # fmt: skip
-    return math.sqrt(2.0 * max(-snn, 0.0) / max(cnn, 1e-12 * q[3]))
+    cnn = max(cnn, 1e-12 * q[3])
+    return math.sqrt(2.0 * max(-snn, 0.0) / cnn), -snn * abs(snn) / cnn
 
 
 @merged
-def _along_compression(q, at):
-    """A wrinkle to start from: along the most compressed direction of S."""
-    angle = 0.5 * math.atan2(2.0 * at[3], at[1] - at[2]) + 0.5 * math.pi
-    n1, n2 = math.cos(angle), math.sin(angle)
-    amplitude = _amplitude(n1, n2, q, at)
+def _most_compressed(at):
+    """The unit vector along which S is least."""
+    h, k = 0.5 * (at[1] - at[2]), at[3]
+    r = math.hypot(h, k)
+    n1, n2 = (-k, h + r) if h > 0.0 else (h - r, k)
+    size = math.hypot(n1, n2)
+    return (n1 / size, n2 / size) if size > 0.0 else (1.0, 0.0)
+
+
+@merged
+def _by_tangent(q, at):
+    """A wrinkle to start from: the one that frees the most energy to first order of the stress.
+
+    Of stiff and soft yarns it is not along the greatest compression: it may be a right angle off.
+    """
+    most, best = -math.inf, 0
+    for i in range(1, len(_WAYS) - 1):
+        worth = _freed(_WAYS[i][0], _WAYS[i][1], q, at)[1]
+        if worth > most:
+            most, best = worth, i
+    before = _freed(_WAYS[best - 1][0], _WAYS[best - 1][1], q, at)[1]
+    after = _freed(_WAYS[best + 1][0], _WAYS[best + 1][1], q, at)[1]
+    bend = 2.0 * most - before - after
+    # on to the top of a parabola through the three
+    turn = 0.5 * _APART * (after - before) / bend if bend > 0.0 else 0.0
+    size = math.sqrt(1.0 + turn * turn)
+    n1, n2 = (_WAYS[best][0] - turn * _WAYS[best][1], _WAYS[best][1] + turn * _WAYS[best][0])
+    n1, n2 = n1 / size, n2 / size
+    amplitude, most = _freed(n1, n2, q, at)
+    # slight compression is all between two of the directions
+    m1, m2 = _most_compressed(at)
+    other, worth = _freed(m1, m2, q, at)
+    if worth > most:
+        n1, n2, amplitude = m1, m2, other
     return amplitude * n1, amplitude * n2
 
 
 @merged
 def _lowest(c11, c22, c12, q, law, at):
-    """A wrinkle to start from: that of the least energy over directions all round."""
+    """A wrinkle to start from: that of the least energy over directions all round.
+
+    Along each by what frees it to first order, and by what brings it to its natural length, which
+    of great strains is the better guess.
+    """
+    natural = law.natural(q)
     lowest, a1, a2 = math.inf, 0.0, 0.0
     for i in range(_DIRECTIONS):
         angle = i * math.pi / _DIRECTIONS
         n1, n2 = math.cos(angle), math.sin(angle)
-        amplitude = _amplitude(n1, n2, q, at)
-        b1, b2 = amplitude * n1, amplitude * n2
-        energy = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)[0]
-        if amplitude > 0.0 and energy < lowest:
-            lowest, a1, a2 = energy, b1, b2
+        short = (natural[0] - c11) * n1 * n1 + (natural[1] - c22) * n2 * n2 - 2.0 * c12 * n1 * n2
+        for amplitude in (_freed(n1, n2, q, at)[0], math.sqrt(max(short, 0.0))):
+            b1, b2 = amplitude * n1, amplitude * n2
+            energy = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)[0]
+            if amplitude > 0.0 and energy < lowest:
+                lowest, a1, a2 = energy, b1, b2
     return a1, a2
 
 
@@ -190,14 +240,15 @@ def _condense(a1, a2, at):
 
 
 @merged
-def _relaxed(c11, c22, c12, q, law):
+def _relaxed(c11, c22, c12, q, law, flat):
     """State, wrinkle (a1, a2) and response there of a compressed point; not condensed.
+
+    From its response `flat` without a wrinkle.
 
     Where D12 is above D11 or D22 and shear is stiff, W has another minimum over a, at which what
     is left of the stress is compression across the wrinkle; or the way to the minimum is too long.
     """
-    flat = law.response(c11, c22, c12, q)
-    a1, a2 = _along_compression(q, flat)
+    a1, a2 = _by_tangent(q, flat)
     converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
     if not converged or at[1] + at[2] < -_NO_STRESS * (q[0] + q[1]):
         a1, a2 = _lowest(c11, c22, c12, q, law, flat)
@@ -215,7 +266,7 @@ def respond(c11, c22, c12, q, law, relax):
     at = law.response(c11, c22, c12, q)
     if not relax or not is_compressed(at[1], at[2], at[3], q[0] + q[1]):
         return TAUT, at
-    state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
+    state, a1, a2, at = _relaxed(c11, c22, c12, q, law, at)
     return state, _condense(a1, a2, at)
 
 
@@ -269,7 +320,7 @@ def stress_sensitivity(c11, c22, c12, q, law, relax):
         return SLACK, nothing
     at = law.response(c11, c22, c12, q)
     if relax and is_compressed(at[1], at[2], at[3], q[0] + q[1]):
-        state, a1, a2, at = _relaxed(c11, c22, c12, q, law)
+        state, a1, a2, at = _relaxed(c11, c22, c12, q, law, at)
         found = law.by_stiffness(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
         return state, (
             _take_out(a1, a2, at, found[0]),

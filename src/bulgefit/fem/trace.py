@@ -288,9 +288,7 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     """Balance the lowest level.
 
     Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
-    shape, the shape at a pressure that draws it taut leads down to it. Where the law is not
-    elliptic at rest, descent may run into bands as narrow as a cell, and collapse it: what it
-    left is a balance all the same, and tells that. Cloth without a wrinkle no pressure draws taut.
+    shape, the shape at a pressure that draws it taut leads down to it.
 
     Raises
     ------
@@ -304,8 +302,7 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     except BandedError as banded:
         _start_lower(tracer, low, banded)
     except NewtonError:
-        taut = _start_unstable(tracer, low, taut=True)
-        if not (taut or _start_taut(tracer, low, high) or _start_unstable(tracer, low, taut=False)):
+        if not _start_taut(tracer, low, high):
             raise
 
 
@@ -355,31 +352,6 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
         raise lost_at(tracer, low, 0.0) from banded
 
 
-def _start_unstable(tracer: Tracer, low: float, *, taut: bool) -> bool:
-    """Balance the lowest level, stable or not, if it has no wrinkle or need not be `taut`.
-
-    False where that is not found.
-
-    Raises
-    ------
-    StoppedError
-        Where it is neither stable nor the law elliptic.
-    """
-    guess = flat_guess(tracer.membrane, low**3, tracer.stiffness)
-    try:
-        tracer.solve(low, guess, follow=True, rough=True)
-    except NewtonError:
-        return False
-    level = tracer.levels[-1]
-    if taut and level.wrinkled:
-        tracer.levels.clear()
-        return False
-    tracer.look_again(level)
-    if not tracer.is_sound(level):
-        raise lost_at(tracer, low, 0.0)
-    return True
-
-
 def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
     """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
     smallest, begun, aim = _SMALLEST_STEP * end, tracer.work, AIM * tracer.tolerance
@@ -405,8 +377,10 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
         wanted = (aim / max(error, 1e-16)) ** (1 / (2 * STENCIL))
         made = tracer.levels[-1].s - s
         gap = max(0.25 * made, tracer.levels[-1].s - tracer.levels[-2].s)
-        # short of the step that was asked for, grow with care
-        step = gap * min(2.5 if share == 1.0 else 1.3, max(0.4, wanted))
+        # short of the step that was asked for, grow with care; over kinks a shorter one gains
+        # little, and takes as many looks at the way
+        least = 1.0 if tracer.in_valley else 0.4
+        step = gap * min(2.5 if share == 1.0 else 1.3, max(least, wanted))
         tracer.forget()
     intervals = range(len(tracer.levels) - 1)
     return max((tracer.error(after, aim) for after in intervals), default=0.0)

@@ -58,17 +58,18 @@ def advance(tracer: Tracer, step: float, end: float) -> float:
         s = last + share * step
         # straight on, the way to the bottom begins in the valley that the last shape lies in
         straight = below.displacement + (s - last) * below.slope
-        start = tracer.predict(s) if follow else tracer.lower(straight, s)
+        start = tracer.predict(s) if follow else tracer.lowest((straight, below.displacement), s)
         try:
             tracer.solve(s, start, follow=follow, convex=convex and not follow)
             tracer.closely, tracer.by_descent = False, not follow
+            tracer.in_valley = not follow and convex
             return share
         except NewtonError as error:
             failure = error
             tracer.descends &= follow or convex
-    tracer.closely, tracer.by_descent = True, False
+    tracer.closely, tracer.by_descent, tracer.in_valley = True, False, False
     if loose and not convex and tracer.creeps:
-        tracer.creeps = _creep(tracer, _SHORTER_STILL[:1], step, patient=False)
+        tracer.creeps = _creep(tracer, _SHORTER_STILL, step, patient=False)
         if tracer.creeps:
             tracer.descends = True  # a step from here is no longer than this one
             return (tracer.levels[-1].s - last) / step

@@ -50,9 +50,9 @@ def fill(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
 def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
     """Add a level halfway between two.
 
-    In wrinkled cloth the dense output may be too far off for a search along the path: from the
-    shape at the higher pressure, which has fewer wrinkles, descent of the potential finds the level
-    as it finds the next one in `advance`; with patience, as the lowest one.
+    In wrinkled cloth the dense output may be too far off for a search along the path: descent of
+    the potential finds the level as it finds the next one in `advance`; with patience, as the
+    lowest one.
 
     Raises
     ------
@@ -66,7 +66,8 @@ def _put_between(tracer: Tracer, low: Level, high: Level) -> None:
         except NewtonError:
             if not _may_descend(tracer, low, high):
                 raise
-    tracer.solve(s, high.displacement, follow=False, patient=True)
+    starts = (tracer.interpolate(s), low.displacement, high.displacement)
+    tracer.solve(s, tracer.lowest(starts, s), follow=False, patient=True)
     tracer.between_by_descent = True
     _check_between(tracer, low, high)
 

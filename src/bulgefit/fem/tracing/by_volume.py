@@ -74,7 +74,8 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
             growth *= 0.5
             continue
         # falling pressure, or one that has been higher still
-        falls = point.pressure < here.pressure or point.rate <= 0.0
+        lower = point.pressure < here.pressure and not point.stable
+        falls = lower or point.rate <= 0.0
         if not tracer.is_sound(point):
             near = _past_turn(tracer, here, point, end, falls=falls)
             falls, point = (True, point) if near is None else (False, near)
@@ -154,7 +155,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     where the law is not elliptic and the branch leaps: between two shapes bands of shear may have
     come. What tangents at both ends leave of a change is ΔV³u'''/12 on a smooth branch and nothing
     over a kink, so that shorter steps bring it under any length; over a leap it is about the leap,
-    however short the step. Leaps below the path's own tolerance are none that it would tell. Where
+    however short the step. One of twice the path's tolerance is none that it would tell: a way
+    between is off by no more than that. Over the shortest steps pressure may fall by it, too. Where
     there are many kinks on the way, the potential tells: it is convex over these.
 
     Raises
@@ -164,12 +166,13 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     change, grown = point.displacement - here.displacement, point.volume - here.volume
     before, after = grown * here.slope, grown * point.slope
     folds = _may_fold(here, point)
-    near = not folds and is_between(change, before, after, tracer.tolerance)
+    near = not folds and is_between(change, before, after, 2.0 * tracer.tolerance)
     # in the order of what they take
     leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
     if leaps and not folds and here.stable and point.stable:
         leaps = not _in_one_valley(tracer, here, point, (before, after))
-    if leaps or (point.stable and point.pressure < here.pressure):
+    behind = point.stable and point.pressure < here.pressure
+    if leaps or (behind and not (near and _is_short(here, point))):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
 
@@ -195,10 +198,15 @@ def _may_fold(here: Point, point: Point) -> bool:
     Over a kink, where a wrinkle comes or goes, ∂u/∂p changes by any factor, but however short the
     step: so the shortest ones tell a kink.
     """
-    if point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume):
+    if _is_short(here, point):
         return False
     speeds = sorted((_speed(here), _speed(point)))
     return 0.0 < 2.0 * speeds[0] < speeds[1]
+
+
+def _is_short(here: Point, point: Point) -> bool:
+    """Whether a step is one of the shortest, over which nothing is told of what lies between."""
+    return point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume)
 
 
 def _past_turn(

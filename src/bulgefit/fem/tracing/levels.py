@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,6 +131,8 @@ class Tracer:
         #: Whether no step in pressure had found the last level by a search along the path, however
         #: short, or descent had; and whether descent had found the last one between others.
         self.closely, self.by_descent, self.between_by_descent = False, False, False
+        #: Whether descent had found the last level in the valley of the one below it, over kinks.
+        self.in_valley = False
         self._estimates: dict[tuple[float, float], _Estimate] = {}
         self.failure = NewtonError("steps shrink to nothing", 0, 0.0, 0)
         # blown from the other side, a flat membrane shows its mirror image
@@ -292,13 +295,15 @@ class Tracer:
                 levels.insert(0, level)
         return self._blend(levels, s, _PREDICTOR_LEVELS)
 
-    def lower(self, shape: Floats, s: float) -> Floats:
-        """A shape, or that of the newest level where its potential is less: descent is shorter."""
-        shapes = (shape, self.levels[-1].displacement)
+    def lowest(self, shapes: Sequence[Floats], s: float) -> Floats:
+        """Of several shapes (n, 3) mm that whose potential is least: from there descent is short.
+
+        The first may have a collapsed cell.
+        """
         potentials = [
             self.membrane.state(x, s**3, self.stiffness, tangent=False).potential for x in shapes
         ]
-        return shapes[int(potentials[1] < potentials[0] or not np.isfinite(potentials[0]))]
+        return shapes[int(np.argmin(np.where(np.isfinite(potentials), potentials, np.inf)))]
 
     def interpolate(self, s: float) -> Floats:
         """The dense output between the levels."""
