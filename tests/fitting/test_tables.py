@@ -32,9 +32,10 @@ def test_specimens_of_one_name_are_called_by_their_shortest_paths(make: Maker) -
     assert names(test, "a/x/test.npz", "b/x/test.npz") == ["a/x/test", "b/x/test"]
     assert names(test, "a/one.npz", "a/two.npz") == ["one", "two"]
     assert names(test, "a/test.npz", "a/test.h5") == ["test.npz", "test.h5"]
-    # what tells nothing is left, and so is a name that is alone
-    assert names(test, "", "") == ["test", "test"]
+    # a name that is alone is left; where no path tells them apart, numbers do
     assert names(test, "a/test.npz") == ["test"]
+    assert names(test, "", "") == ["test (1)", "test (2)"]
+    assert names(test, "a/test.npz", "", "a/test.npz") == ["test (1)", "test (2)", "test (3)"]
     other = replace(test, name="b/test", source="c/other.npz")
     mixed = [replace(test, source=f"{folder}/test.npz") for folder in ("a", "b")]
     assert len({t.name for t in distinctly_named([*mixed, other])}) == 3

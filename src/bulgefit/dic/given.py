@@ -82,11 +82,17 @@ def each_once(tests: list[BulgeTest]) -> list[BulgeTest]:
 
 
 def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
-    """Tests of which no two from different files have one name.
+    """Tests of which no two have one name.
 
-    Those that do are called by as much of the ends of their paths, without the suffix where that
-    will do, as tells them apart: a/test and b/test.
+    Those of different files are called by as much of the ends of their paths, without the suffix
+    where that will do, as tells them apart: a/test and b/test. Others of one name are numbered:
+    test (1) and test (2).
     """
+    return _numbered(_by_path(tests))
+
+
+def _by_path(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
+    """Tests of which no two from different files have one name."""
     names = [test.name for test in tests]
     alike = [i for i, test in enumerate(tests) if test.source and names.count(test.name) > 1]
     paths = [Path(tests[i].source).absolute() for i in alike]
@@ -98,3 +104,13 @@ def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
                 new = dict(zip(alike, found, strict=True))
                 return [replace(test, name=new.get(i, test.name)) for i, test in enumerate(tests)]
     return list(tests)
+
+
+def _numbered(tests: list[BulgeTest]) -> list[BulgeTest]:
+    """Tests of which those of one name are numbered in it."""
+    names = [test.name for test in tests]
+    found = list(tests)
+    for i, name in enumerate(names):
+        if names.count(name) > 1:
+            found[i] = replace(tests[i], name=f"{name} ({names[:i].count(name) + 1})")
+    return found
