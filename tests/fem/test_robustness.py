@@ -15,11 +15,13 @@ from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.equilibrium import CORRECTION, NewtonError, flat_guess, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
+from bulgefit.fem.sensitivity import slope_in_pressure
 from bulgefit.fem.trace import trace
 from bulgefit.fem.tracing import advance, by_volume, sound
 from bulgefit.fem.tracing.ends import StoppedError
 from bulgefit.fem.tracing.levels import Tracer
 from bulgefit.fem.tracing.sound import check_ellipticity
+from bulgefit.fem.volume_control import Point
 
 
 @pytest.fixture
@@ -328,6 +330,30 @@ def test_a_leap_within_the_paths_tolerance_is_stepped_over(
     assert error.cause is Cause.LOSS_OF_ELLIPTICITY
     assert error.reached == pytest.approx(reached, rel=2e-4)
     assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
+
+
+def test_pressure_may_fall_over_the_shortest_steps_alone() -> None:
+    """By a leap that a path would not tell; over longer ones another branch comes to mind."""
+    membrane, stiffness = Membrane(disc(100.0, 2), 0.81), orthotropic_stiffness(303, 229, 5, 0.24)
+    tracer = Tracer(membrane, stiffness, 1e-3, sensitivities=False, elliptic=True)
+    balanced = solve(membrane, flat_guess(membrane, 0.1, stiffness), 0.1, stiffness)
+    slope = slope_in_pressure(membrane, balanced, stiffness)
+    here = by_volume.point_at(
+        tracer, np.cbrt(0.1), balanced.displacement, slope, stable=balanced.stable
+    )
+
+    def behind(grown: float, leap: float) -> Point:
+        rest = np.zeros_like(here.displacement)
+        rest[membrane.mesh.nodes.tolist().index([0.0, 0.0]), 2] = leap
+        volume = (1.0 + grown) * here.volume
+        shape = here.displacement + (volume - here.volume) * here.slope + rest
+        return replace(here, displacement=shape, pressure=here.pressure - 1e-9, volume=volume)
+
+    leapt = behind(1e-6, 1.9e-3)
+    assert by_volume._checked(tracer, here, leapt) is leapt
+    for other in (behind(1e-6, 2.1e-3), behind(1e-5, 0.0)):
+        with pytest.raises(NewtonError, match="another branch"):
+            by_volume._checked(tracer, here, other)
 
 
 @pytest.mark.parametrize(("number", "work"), [(2088, 1167), (8499, 1114), (2707, 702), (983, 538)])
