@@ -44,7 +44,7 @@ def test_a_test_that_is_given_twice_is_refused(made: SimpleNamespace) -> None:
     """It would count as two specimens; under another name, and with a frame written twice, too."""
     one = of(made, [0, 1, 2, 3, 4, 5])
     again = replace(of(made, [0, 1, 2, 2, 3, 4, 5]), name="again")
-    with pytest.raises(InputError, match=r"^test \(1\) and again: hold the same data; name"):
+    with pytest.raises(InputError, match=r"^test_1 and again: hold the same data; name"):
         given_tests([one, of(made, [0, 1, 2, 3, 4]), again])
     assert len(given_tests([one, of(made, [0, 1, 2, 3, 4])])) == 2
 

@@ -34,8 +34,10 @@ def test_specimens_of_one_name_are_called_by_their_shortest_paths(make: Maker) -
     assert names(test, "a/test.npz", "a/test.h5") == ["test.npz", "test.h5"]
     # a name that is alone is left; where no path tells them apart, numbers do
     assert names(test, "a/test.npz") == ["test"]
-    assert names(test, "", "") == ["test (1)", "test (2)"]
-    assert names(test, "a/test.npz", "", "a/test.npz") == ["test (1)", "test (2)", "test (3)"]
+    assert names(test, "", "") == ["test_1", "test_2"]
+    assert names(test, "a/test.npz", "", "a/test.npz") == ["test_1", "test_2", "test_3"]
+    taken = distinctly_named([test, replace(test, name="test_1"), test])
+    assert [t.name for t in taken] == ["test_2", "test_1", "test_3"]
     other = replace(test, name="b/test", source="c/other.npz")
     mixed = [replace(test, source=f"{folder}/test.npz") for folder in ("a", "b")]
     assert len({t.name for t in distinctly_named([*mixed, other])}) == 3

@@ -138,10 +138,10 @@ def test_how_specimens_differ(family):
     family["specimens"][1]["effects"] = []
     markdown, terminal = words_of(family)
     assert "scatters in E1 by 7.1 ± 2.4 % and E2 by 5.3 ± 1.9 % (standard" in terminal
-    assert "same: E1 is 1.0321 ± 0.0042 times the cloth's" in terminal
+    assert "same_1: E1 is 1.0321 ± 0.0042 times the cloth's" in terminal
     assert "of its own: creep." in terminal
     assert "| E1 | 7.1 ± 2.4 % |" in markdown
-    assert "| same | 1.0321 ± 0.0042 |" in markdown
+    assert "| same_1 | 1.0321 ± 0.0042 |" in markdown
     assert "| none |" in markdown
 
 

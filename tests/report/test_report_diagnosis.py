@@ -147,9 +147,9 @@ def test_several_tests_of_one_name(pair, tmp_path):
         plot_where(pair, index, path, after=True, force=False)
         maps.append(path.read_bytes())
     assert maps[0] != maps[1]
-    assert "rotation_x of same" in report_text(pair)
-    assert "rigid_motion of same and same (the camera's frame" in text_of(pair)
-    assert "rigid_motion of same: the camera's frame" in report_text(pair)
+    assert "rotation_x of same_1" in report_text(pair)
+    assert "rigid_motion of same_2 and same_1 (the camera's frame" in text_of(pair)
+    assert "rigid_motion of same_1: the camera's frame" in report_text(pair)
 
 
 def test_budget_goes_from_the_moduli_to_what_is_left(found):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, count
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ def distinctly_named(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
 
     Those of different files are called by as much of the ends of their paths, without the suffix
     where that will do, as tells them apart: a/test and b/test. Others of one name are numbered:
-    test (1) and test (2).
+    test_1 and test_2.
     """
     return _numbered(_by_path(tests))
 
@@ -107,10 +107,14 @@ def _by_path(tests: Sequence[BulgeTest]) -> list[BulgeTest]:
 
 
 def _numbered(tests: list[BulgeTest]) -> list[BulgeTest]:
-    """Tests of which those of one name are numbered in it."""
+    """Tests of which those of one name are numbered, by what no other is called."""
     names = [test.name for test in tests]
-    found = list(tests)
-    for i, name in enumerate(names):
-        if names.count(name) > 1:
-            found[i] = replace(tests[i], name=f"{name} ({names[:i].count(name) + 1})")
+    taken, found = {name for name in names if names.count(name) == 1}, []
+    for test in tests:
+        if names.count(test.name) > 1:
+            numbered = (f"{test.name}_{k}" for k in count(1))
+            name = next(name for name in numbered if name not in taken)
+            taken.add(name)
+            test = replace(test, name=name)
+        found.append(test)
     return found
