@@ -325,7 +325,7 @@ def test_a_kink_just_behind_another_is_stepped_over(benchmark: ModuleType) -> No
 def test_a_leap_within_the_paths_tolerance_is_stepped_over(
     benchmark: ModuleType, number: int, reached: float
 ) -> None:
-    """At 0.8226 and 2.8993 bar pressure falls by 5e-8 and 2e-6 MPa; losses were told there."""
+    """Steps that came to 0.8226 and 2.8993 bar, where pressure falls by 2e-6 MPa, ended there."""
     membrane, stiffness, error = end_of(benchmark, 184, number)
     assert error.cause is Cause.LOSS_OF_ELLIPTICITY
     assert error.reached == pytest.approx(reached, rel=2e-4)
@@ -357,7 +357,7 @@ def test_pressure_may_fall_over_the_shortest_steps_alone() -> None:
 
 
 @pytest.mark.parametrize(("number", "work"), [(2088, 1167), (8499, 1114), (2707, 702), (983, 538)])
-def test_loose_cloth_takes_little_more_than_half_the_work(
+def test_loose_cloth_takes_four_fifths_of_the_work_at_most(
     benchmark: ModuleType, number: int, work: int
 ) -> None:
     """Of what it took before descents were as short as the law is elliptic, and began lowest."""

@@ -298,7 +298,7 @@ class Tracer:
     def lowest(self, shapes: Sequence[Floats], s: float) -> Floats:
         """Of several shapes (n, 3) mm that whose potential is least: from there descent is short.
 
-        The first may have a collapsed cell.
+        One that has a collapsed cell is none.
         """
         potentials = [
             self.membrane.state(x, s**3, self.stiffness, tangent=False).potential for x in shapes
