@@ -47,8 +47,7 @@ from bulgefit.fem.lanes import (
     LANES,
     find_plain,
     measure_in_lanes,
-    put_in_lane,
-    respond_in_lanes,
+    respond_at_points,
     stiffness_in_lanes,
     stress_in_lanes,
 )
@@ -149,14 +148,13 @@ def assemble(
         for g in range(4):
             find_deformation(corners, slopes[g], f[g])
             find_strain(f[g], strain)
-            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at[g], plain)
+            relaxed = respond_at_points(
+                strain, heavy[g], count, q, law, relax, natural, at[g], plain
+            )
+            if relaxed < 0:
+                return np.nan, wrinkled
+            wrinkled += relaxed
             for c in range(count):
-                if plain[c] == 0.0:
-                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
-                    if state < 0:
-                        return np.nan, wrinkled
-                    wrinkled += state != 0
-                    put_in_lane(at[g], c, heavy[g, c], found)
                 potential += at[g, 0, c]
             find_stress(f[g], at[g, 1:4], p)
             add_stress(p, slopes[g], forces)
@@ -229,13 +227,11 @@ def assemble_reference_changes(
         for g in range(4):
             find_deformation(corners, slopes[g], f[g])
             find_strain(f[g], strain)
-            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at[g], plain)
-            for c in range(count):
-                if plain[c] == 0.0:
-                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
-                    if state < 0:
-                        return False
-                    put_in_lane(at[g], c, heavy[g, c], found)
+            relaxed = respond_at_points(
+                strain, heavy[g], count, q, law, relax, natural, at[g], plain
+            )
+            if relaxed < 0:
+                return False
             find_stress(f[g], at[g, 1:4], p[g])
         for k in range(len(out)):
             gather(moves[k], cells, first, count, corner_moves)
@@ -285,13 +281,9 @@ def assemble_weight_changes(x, cells, gradient, weight, q, law, relax, gains, ou
         for g in range(4):
             find_deformation(corners, slopes[g], f)
             find_strain(f, strain)
-            respond_in_lanes(strain, heavy[g], q, law, relax, natural, at, plain)
-            for c in range(count):
-                if plain[c] == 0.0:
-                    state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
-                    if state < 0:
-                        return False
-                    put_in_lane(at, c, heavy[g, c], found)
+            relaxed = respond_at_points(strain, heavy[g], count, q, law, relax, natural, at, plain)
+            if relaxed < 0:
+                return False
             find_stress(f, at[1:4], p)
             add_stress(p, slopes[g], of_point[g])
         for k in range(len(out)):

@@ -14,14 +14,13 @@ from __future__ import annotations
 from bulgefit.fem.jit import inlined, merged
 from bulgefit.fem.laws.logarithm import NEAR, log_argument
 from bulgefit.fem.laws.potential import bent_potential, is_bent, straight_potential
-from bulgefit.fem.relaxation import is_compressed, is_slack
+from bulgefit.fem.relaxation import TAUT, is_compressed, is_slack, respond
 
 __all__ = [
     "LANES",
     "find_plain",
     "measure_in_lanes",
-    "put_in_lane",
-    "respond_in_lanes",
+    "respond_at_points",
     "stiffness_in_lanes",
     "stress_in_lanes",
 ]
@@ -32,7 +31,7 @@ LANES = 16
 
 
 @merged
-def put_in_lane(at, c, weight, found):
+def _put_in_lane(at, c, weight, found):
     """Lane c of at (10, lanes) becomes W, S (3) and CC (6), times the weight."""
     at[0, c], at[1, c], at[2, c] = weight * found[0], weight * found[1], weight * found[2]
     at[3, c], at[4, c], at[5, c] = weight * found[3], weight * found[4], weight * found[5]
@@ -42,7 +41,7 @@ def put_in_lane(at, c, weight, found):
 
 @merged
 def _add_in_lane(at, c, weight, found):
-    """As `put_in_lane`, added to what is there."""
+    """As `_put_in_lane`, added to what is there."""
     at[0, c] += weight * found[0]
     at[1, c] += weight * found[1]
     at[2, c] += weight * found[2]
@@ -56,7 +55,7 @@ def _add_in_lane(at, c, weight, found):
 
 
 @inlined
-def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
+def _respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
     """W, S (3) and CC (6), times a weight, of taut points that are moderately stretched.
 
     Parameters
@@ -76,7 +75,7 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
     if law.vectorised:
         for c in range(LANES):
             found = law.straight_in_lanes(strain[0, c], strain[1, c], strain[2, c], q)
-            put_in_lane(at, c, weight[c], found)
+            _put_in_lane(at, c, weight[c], found)
         if is_bent(q):
             for c in range(LANES):
                 found = law.bends_in_lanes(strain[0, c], strain[1, c], strain[2, c], q)
@@ -84,6 +83,29 @@ def respond_in_lanes(strain, weight, q, law, relax, natural, at, plain):
         find_plain(strain, at[1:4], weight, q, relax, natural, plain)
     else:
         plain[:] = 0.0
+
+
+@inlined
+def respond_at_points(strain, weight, count, q, law, relax, natural, at, plain):
+    """W, S (3) and CC (6), times a weight, of the first `count` lanes, plain or not.
+
+    Parameters are those of `_respond_in_lanes`.
+
+    Returns
+    -------
+    relaxed : int
+        How many are in tension-field relaxation; -1 where one has no response.
+    """
+    _respond_in_lanes(strain, weight, q, law, relax, natural, at, plain)
+    relaxed = 0
+    for c in range(count):
+        if plain[c] == 0.0:
+            state, found = respond(strain[0, c], strain[1, c], strain[2, c], q, law, relax)
+            if state < 0:
+                return -1
+            relaxed += state != TAUT
+            _put_in_lane(at, c, weight[c], found)
+    return relaxed
 
 
 @merged
@@ -103,7 +125,7 @@ def _put_stiffness(found, stress, c, weight, by_d, q):
 
 @inlined
 def stiffness_in_lanes(strain, weight, q, law, relax, natural, found, stress, plain):
-    """∂S/∂(D11, D22, D12, D33) times a weight, of points such as `respond_in_lanes` takes.
+    """∂S/∂(D11, D22, D12, D33) times a weight, of points that are plain.
 
     Parameters
     ----------

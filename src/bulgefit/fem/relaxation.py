@@ -53,27 +53,45 @@ def is_compressed(s11, s22, s12, modulus):
 
 
 @merged
-def _freed(n1, n2, q, at):
-    """What a wrinkle along a unit vector n does, to first order of the stress.
-
-    With ΔE = ½ a⊗a, W + S ΔE + ½ ΔE CC ΔE is least over the amplitude |a|: by ½ Snn²/CCnnnn,
-    where n is compressed.
-
-    Returns
-    -------
-    amplitude : float
-        Zero in tension.
-    worth : float, MPa
-        Twice the energy that it frees; below zero in tension.
-    """
+def _along(n1, n2, q, at):
+    """Snn and CCnnnn (MPa) along a unit vector n."""
     v1, v2, v3 = n1 * n1, n2 * n2, n1 * n2
     snn = at[1] * v1 + at[2] * v2 + 2.0 * at[3] * v3
     cnn = (
         at[4] * v1 * v1 + at[5] * v2 * v2 + 4.0 * at[6] * v3 * v3
         + 2.0 * at[7] * v1 * v2 + 4.0 * at[8] * v1 * v3 + 4.0 * at[9] * v2 * v3
     )  # fmt: skip
-    cnn = max(cnn, 1e-12 * q[3])
-    return math.sqrt(2.0 * max(-snn, 0.0) / cnn), -snn * abs(snn) / cnn
+    return snn, max(cnn, 1e-12 * q[3])
+
+
+@merged
+def _worth(n1, n2, q, at):
+    """Twice the energy (MPa) that a wrinkle along n frees, to first order of the stress.
+
+    With ΔE = ½ a⊗a, W + S ΔE + ½ ΔE CC ΔE is least over the amplitude |a|: by ½ Snn²/CCnnnn,
+    where n is compressed. Below zero in tension.
+    """
+    snn, cnn = _along(n1, n2, q, at)
+    return -snn * abs(snn) / cnn
+
+
+@merged
+def _amplitude(n1, n2, c11, c22, c12, q, law, at):
+    """The amplitude of that wrinkle; zero in tension.
+
+    To first order |a|² is -2 Snn/CCnnnn. Of a logarithmic strain along n, e = ln λ with λ² = Cnn,
+    that is too little by far where compression is great: Snn = T/λ² and CCnnnn = (H - 2 T)/λ⁴ of a
+    stress T with the slope H, which is nothing after Δe = -T/H, so that |a|² = λ² (exp 2Δe - 1).
+    """
+    snn, cnn = _along(n1, n2, q, at)
+    if law.logarithmic and snn < 0.0:
+        long = c11 * n1 * n1 + c22 * n2 * n2 + 2.0 * c12 * n1 * n2
+        slope = cnn * long + 2.0 * snn
+        if -snn < slope:  # up to e-fold: far from there nothing is linear
+            twice = -2.0 * snn / slope
+            # Padé's exp x - 1, to 6 % at most
+            return math.sqrt(long * twice / (1.0 + twice * (twice / 12.0 - 0.5)))
+    return math.sqrt(2.0 * max(-snn, 0.0) / cnn)
 
 
 @merged
@@ -88,56 +106,74 @@ def _most_compressed(at):
 
 @merged
 def _by_tangent(q, at):
-    """A wrinkle to start from: the one that frees the most energy to first order of the stress.
+    """The unit vector along which a wrinkle frees the most energy to first order of the stress.
 
     Of stiff and soft yarns it is not along the greatest compression: it may be a right angle off.
     """
     most, best = -math.inf, 0
     for i in range(1, len(_WAYS) - 1):
-        worth = _freed(_WAYS[i][0], _WAYS[i][1], q, at)[1]
+        worth = _worth(_WAYS[i][0], _WAYS[i][1], q, at)
         if worth > most:
             most, best = worth, i
-    before = _freed(_WAYS[best - 1][0], _WAYS[best - 1][1], q, at)[1]
-    after = _freed(_WAYS[best + 1][0], _WAYS[best + 1][1], q, at)[1]
+    before = _worth(_WAYS[best - 1][0], _WAYS[best - 1][1], q, at)
+    after = _worth(_WAYS[best + 1][0], _WAYS[best + 1][1], q, at)
     bend = 2.0 * most - before - after
     # on to the top of a parabola through the three
     turn = 0.5 * _APART * (after - before) / bend if bend > 0.0 else 0.0
     size = math.sqrt(1.0 + turn * turn)
     n1, n2 = (_WAYS[best][0] - turn * _WAYS[best][1], _WAYS[best][1] + turn * _WAYS[best][0])
     n1, n2 = n1 / size, n2 / size
-    amplitude, most = _freed(n1, n2, q, at)
     # slight compression is all between two of the directions
     m1, m2 = _most_compressed(at)
-    other, worth = _freed(m1, m2, q, at)
-    if worth > most:
-        n1, n2, amplitude = m1, m2, other
-    return amplitude * n1, amplitude * n2
+    return (m1, m2) if _worth(m1, m2, q, at) > _worth(n1, n2, q, at) else (n1, n2)
 
 
 @merged
-def _lowest(c11, c22, c12, q, law, at):
-    """A wrinkle to start from: that of the least energy over directions all round.
+def _start(c11, c22, c12, q, law, flat):
+    """A wrinkle to start from, and the response there.
+
+    As the tangent says. Where both yarns are short, one that brings both to their natural lengths
+    leaves but shear; where that is soft, next to nothing.
+    """
+    n1, n2 = _by_tangent(q, flat)
+    amplitude = _amplitude(n1, n2, c11, c22, c12, q, law, flat)
+    a1, a2 = amplitude * n1, amplitude * n2
+    at = law.response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
+    natural = law.natural(q)
+    lack1, lack2 = natural[0] - c11, natural[1] - c22
+    if lack1 > 0.0 and lack2 > 0.0:
+        b1, b2 = math.copysign(math.sqrt(lack1), -c12), math.sqrt(lack2)
+        other = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)
+        if other[0] < at[0]:
+            return b1, b2, other
+    return a1, a2, at
+
+
+@merged
+def _lowest(c11, c22, c12, q, law, flat):
+    """The same: the wrinkle of the least energy over directions all round.
 
     Along each by what frees it to first order, and by what brings it to its natural length, which
     of great strains is the better guess.
     """
     natural = law.natural(q)
-    lowest, a1, a2 = math.inf, 0.0, 0.0
+    lowest, a1, a2, at = math.inf, 0.0, 0.0, flat
     for i in range(_DIRECTIONS):
         angle = i * math.pi / _DIRECTIONS
         n1, n2 = math.cos(angle), math.sin(angle)
         short = (natural[0] - c11) * n1 * n1 + (natural[1] - c22) * n2 * n2 - 2.0 * c12 * n1 * n2
-        for amplitude in (_freed(n1, n2, q, at)[0], math.sqrt(max(short, 0.0))):
+        freed = _amplitude(n1, n2, c11, c22, c12, q, law, flat)
+        for amplitude in (freed, math.sqrt(max(short, 0.0))):
             b1, b2 = amplitude * n1, amplitude * n2
-            energy = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)[0]
-            if amplitude > 0.0 and energy < lowest:
-                lowest, a1, a2 = energy, b1, b2
-    return a1, a2
+            other = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)
+            if amplitude > 0.0 and other[0] < lowest:
+                lowest, a1, a2, at = other[0], b1, b2, other
+    return a1, a2, at
 
 
 @merged
-def _wrinkle(c11, c22, c12, q, law, a1, a2):
-    """Minimise W(C + a⊗a) over a by Newton's method.
+def _wrinkle(c11, c22, c12, q, law, a1, a2, at):
+    """Minimise W(C + a⊗a) over a by Newton's method, from a wrinkle and its response.
 
     Returns
     -------
@@ -147,19 +183,21 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2):
         `Law.response` at the minimum.
     """
     scale = q[0] + q[1]
-    at = law.response(c11 + a1 * a1, c22 + a2 * a2, c12 + a1 * a2, q)
     # from a ridge between two minima it takes some sixty steps to leave it
     for _ in range(150):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
-        norm_a = math.hypot(a1, a2)
-        if math.hypot(r1, r2) <= 1e-13 * scale * norm_a:
+        norm_a = math.sqrt(a1 * a1 + a2 * a2)
+        if math.sqrt(r1 * r1 + r2 * r2) <= 1e-13 * scale * norm_a:
             return True, a1, a2, at
         m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
-        # Newton only where the Hessian is positive definite, else with a shift that makes it so
-        low = 0.5 * (m11 + m22) - math.hypot(0.5 * (m11 - m22), m12)
-        high = 0.5 * (m11 + m22) + math.hypot(0.5 * (m11 - m22), m12)
-        shift = max(0.0, 1e-3 * abs(high) - low) if low <= 1e-9 * abs(high) else 0.0
+        # Newton only where the Hessian is positive definite, else with a shift by which its lower
+        # eigenvalue has the absolute value that it has: so steps along a ridge are no shorter
+        mean, half = 0.5 * (m11 + m22), 0.5 * (m11 - m22)
+        apart = math.sqrt(half * half + m12 * m12)
+        low, high = mean - apart, mean + apart
+        least = 1e-9 * abs(high)
+        shift = max(-2.0 * low, least - low) if low <= least else 0.0
         m11, m22 = m11 + shift, m22 + shift
         det = m11 * m22 - m12 * m12
         d1 = -(m22 * r1 - m12 * r2) / det
@@ -176,7 +214,7 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2):
                 break
             step *= 0.5
         a1, a2 = b1, b2
-        if step * math.hypot(d1, d2) <= 1e-12 * norm_a:
+        if step * math.sqrt(d1 * d1 + d2 * d2) <= 1e-12 * norm_a:
             return True, a1, a2, at
     return False, a1, a2, at
 
@@ -248,12 +286,17 @@ def _relaxed(c11, c22, c12, q, law, flat):
     Where D12 is above D11 or D22 and shear is stiff, W has another minimum over a, at which what
     is left of the stress is compression across the wrinkle; or the way to the minimum is too long.
     """
-    a1, a2 = _by_tangent(q, flat)
-    converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
-    if not converged or at[1] + at[2] < -_NO_STRESS * (q[0] + q[1]):
-        a1, a2 = _lowest(c11, c22, c12, q, law, flat)
-        converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2)
-    return (WRINKLED if converged else -1), a1, a2, at
+    state, a1, a2, at = -1, 0.0, 0.0, flat
+    for again in (False, True):
+        if again:
+            a1, a2, at = _lowest(c11, c22, c12, q, law, flat)
+        else:
+            a1, a2, at = _start(c11, c22, c12, q, law, flat)
+        converged, a1, a2, at = _wrinkle(c11, c22, c12, q, law, a1, a2, at)
+        state = WRINKLED if converged else -1
+        if converged and at[1] + at[2] >= -_NO_STRESS * (q[0] + q[1]):
+            break
+    return state, a1, a2, at
 
 
 @merged

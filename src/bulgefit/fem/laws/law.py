@@ -89,6 +89,8 @@ class Law:
         ∂(S11, S22, S12)/∂ each of D11, D22, D12, D33. None: taken as differences.
     lanes : Lanes or None
         For speed. None: points are taken one by one.
+    logarithmic : bool
+        For speed: stress is about linear in logarithms of stretches; wrinkles are sought by that.
     parameters : tuple of str
         Names of the entries of q that the law heeds.
     """
@@ -101,6 +103,7 @@ class Law:
     natural: Any
     by_stiffness: Any = None
     lanes: Lanes | None = None
+    logarithmic: bool = False
     parameters: tuple[str, ...] = PARAMETERS
 
     @cached_property
@@ -109,6 +112,7 @@ class Law:
         lanes = self.lanes or Lanes(self.response, self.response, _no_measure, _no_stiffness)
         return {
             "vectorised": self.lanes is not None,
+            "logarithmic": self.logarithmic,
             "response": _dispatcher(self.response),
             "natural": _dispatcher(self.natural),
             "by_stiffness": _dispatcher(self.by_stiffness or _no_stiffness),

@@ -142,4 +142,5 @@ YARN = Law(
     natural=_natural,
     by_stiffness=_by_stiffness,
     lanes=Lanes(_straight, _bends, _measure, _by_stiffness_in_lanes),
+    logarithmic=True,
 )
