@@ -189,6 +189,15 @@ def test_a_wrinkle_whose_way_from_the_first_start_is_long_is_found_from_another(
             assert found <= other[0] + 1e-12
 
 
+def test_a_wrinkle_that_all_first_orders_miss_is_found_by_its_natural_length() -> None:
+    """Of cloth that is soft in shear, and sheared by half; compression was left in it."""
+    moduli = (4453.510216801003, 53.70797243199408, 0.633370546853662, 0.2016546576918663)
+    q = (*orthotropic_stiffness(*moduli), *STRAIGHT, *NO_CURVES)
+    c, out = (1.0612314217334593, 0.6455443438933117, -0.42170216111037656), np.empty(10)
+    assert point_response(*c, q, LAWS["hencky"], True, out) == WRINKLED
+    assert abs(np.linalg.eigvalsh([[out[1], out[3]], [out[3], out[2]]])[0]) <= 1e-11 * (q[0] + q[1])
+
+
 #: E1, E2, G12 and nu12 of two cloths that contract by all but as much as they may, and of soft
 #: yarns in stiff shear; the range of logarithmic strains, and how often they are drawn.
 HARD = {
