@@ -751,6 +751,12 @@ MUTANTS = (
         "fem/test_robustness.py",
     ),
     Mutant(
+        "fem/tracing/by_volume.py",
+        " and here.wrinkled + point.wrinkled",
+        "",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
         "fem/ellipticity.py",
         "if lowest < enough:",
         "if lowest > enough:",

@@ -50,6 +50,8 @@ class Point:
     volume : float, mm³
     stable : bool
         Under a given pressure: the tangent is positive definite.
+    wrinkled : int
+        Gauss points in tension-field relaxation.
     rate : float, MPa/mm³
         dp/dV along the branch, 1/(f·K⁻¹f): above zero where more volume takes more pressure.
     slope : (n, 3) array, mm/mm³
@@ -62,6 +64,7 @@ class Point:
     pressure: float
     volume: float
     stable: bool
+    wrinkled: int
     rate: float
     slope: Floats
     work: int
@@ -110,7 +113,9 @@ def at_volume(
         settled = size < 1e-3 * before and size * size <= close * membrane.radius
         if size <= close or (settled and (state.wrinkled == 0 or size <= _WRINKLED * close)):
             slope = membrane.spread(ahead) / growth
-            return Point(displacement, pressure, volume, stable, 1.0 / growth, slope, work)
+            return Point(
+                displacement, pressure, volume, stable, state.wrinkled, 1.0 / growth, slope, work
+            )
         longer += size >= before
         if longer == _LONGER:
             break

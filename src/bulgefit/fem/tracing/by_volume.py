@@ -125,7 +125,9 @@ def ahead_of(tracer: Tracer, point: Point) -> tuple[float, Floats, Floats]:
 def point_at(tracer: Tracer, s: float, shape: Floats, slope: Floats, *, stable: bool) -> Point:
     """A shape as a point of its branch: ∂u/∂V is ∂u/∂s over ∂V/∂s = f·∂u/∂s."""
     volume, grown = tracer.membrane.volume(shape), tracer.membrane.volume_change(shape, slope)
-    return Point(shape, s**3, volume, stable, 3.0 * s**2 / grown, slope / grown, 0)
+    state = tracer.membrane.state(shape, s**3, tracer.stiffness, tangent=False)
+    rate = 3.0 * s**2 / grown
+    return Point(shape, s**3, volume, stable, state.wrinkled, rate, slope / grown, 0)
 
 
 def _first_growth(tracer: Tracer, volume: float) -> float:
@@ -157,7 +159,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     over a kink, so that shorter steps bring it under any length; over a leap it is about the leap,
     however short the step. One of twice the path's tolerance is none that it would tell: a way
     between is off by no more than that. Over the shortest steps pressure may fall by it, too. Where
-    there are many kinks on the way, the potential tells: it is convex over these.
+    there are many kinks on the way, the potential tells: it is convex over these. Kinks come with
+    wrinkles; without any it may be convex on the way to another branch, too, whose fold is ahead.
 
     Raises
     ------
@@ -169,7 +172,7 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     near = not folds and is_between(change, before, after, 2.0 * tracer.tolerance)
     # in the order of what they take
     leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
-    if leaps and not folds and here.stable and point.stable:
+    if leaps and not folds and here.stable and point.stable and here.wrinkled + point.wrinkled:
         leaps = not _in_one_valley(tracer, here, point, (before, after))
     behind = point.stable and point.pressure < here.pressure
     if leaps or (behind and not (near and _is_short(here, point))):
