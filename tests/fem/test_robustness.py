@@ -263,9 +263,9 @@ def test_no_step_over_kinks_leads_over_a_snap(
 
 
 def test_no_step_leads_to_another_branch_before_its_fold(benchmark: ModuleType) -> None:
-    """Round the fold at which that begins all is stable; but without wrinkles there is no kink.
+    """On the way round that fold all is stable, as over kinks; but these come with wrinkles.
 
-    Up to 2.08 bar a loss was told at 1.65, of the other branch; beyond, at 2.11.
+    Of a path to 2.08 bar a loss was told at 1.65, which is the other branch's.
     """
     case = benchmark.draw(186, 1685)
     stiffness = orthotropic_stiffness(*case.moduli, case.nu12)

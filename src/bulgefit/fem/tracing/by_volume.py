@@ -172,7 +172,8 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     near = not folds and is_between(change, before, after, 2.0 * tracer.tolerance)
     # in the order of what they take
     leaps = tracer.elliptic and not near and not tracer.is_elliptic(here.displacement)
-    if leaps and not folds and here.stable and point.stable and here.wrinkled + point.wrinkled:
+    kinks = here.wrinkled + point.wrinkled > 0
+    if leaps and kinks and not folds and here.stable and point.stable:
         leaps = not _in_one_valley(tracer, here, point, (before, after))
     behind = point.stable and point.pressure < here.pressure
     if leaps or (behind and not (near and _is_short(here, point))):
