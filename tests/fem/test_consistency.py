@@ -190,7 +190,7 @@ def test_a_wrinkle_whose_way_from_the_first_start_is_long_is_found_from_another(
 
 
 def test_a_wrinkle_that_all_first_orders_miss_is_found_by_its_natural_length() -> None:
-    """Of cloth that is soft in shear, and sheared by half; compression was left in it."""
+    """Of cloth that is soft in shear, and sheared by half: else compression is left in it."""
     moduli = (4453.510216801003, 53.70797243199408, 0.633370546853662, 0.2016546576918663)
     q = (*orthotropic_stiffness(*moduli), *STRAIGHT, *NO_CURVES)
     c, out = (1.0612314217334593, 0.6455443438933117, -0.42170216111037656), np.empty(10)
@@ -216,8 +216,7 @@ def test_wrinkles_are_found_to_the_last_digits(law: str, kind: str) -> None:
     """Where the last steps lower the energy by less than rounding, or a ridge is the way there.
 
     A point without a wrinkle was a collapsed cell, and what was left across others, 2e-9 of the
-    stiffness, kept paths from balancing. Of soft shear two in a hundred points had none, or that of
-    a valley that mirrors the right one.
+    stiffness, kept paths from balancing. Of soft shear the search had begun far off.
     """
     moduli, strains, number = HARD[kind]
     q = (*orthotropic_stiffness(*moduli), *STRAIGHT, *NO_CURVES)
