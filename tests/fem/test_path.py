@@ -215,7 +215,7 @@ def test_where_no_step_leads_on_the_law_may_tell_why(
             raise NewtonError("the tangent is nearly singular", 1, 1.0, 1)
         return solve(membrane, guess, pressure, *args, **more)
 
-    def nowhere(*args: Any) -> Point:
+    def nowhere(*args: Any, **more: Any) -> Point:
         raise NewtonError("no convergence at a given volume", 1, 1.0, 1)
 
     monkeypatch.setattr("bulgefit.fem.tracing.levels.solve", singular)
@@ -237,8 +237,8 @@ def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.Monkey
     straight = trace(membrane, stiffness)
     strays: list[Point] = []
 
-    def astray(*args: Any) -> Point:
-        point = at_volume(*args)
+    def astray(*args: Any, **more: Any) -> Point:
+        point = at_volume(*args, **more)
         if not strays:
             point = replace(point, pressure=0.99 * args[3])
             strays.append(point)
@@ -250,6 +250,18 @@ def test_a_stable_shape_of_another_branch_is_no_limit(monkeypatch: pytest.Monkey
     assert strays[0].stable
     assert path.stable.all()
     np.testing.assert_allclose(path(0.2), straight(0.2), rtol=0, atol=1e-3)
+
+
+def test_a_volume_is_not_looked_for_from_farther_off_than_allowed() -> None:
+    stiffness = orthotropic_stiffness(300.0, 200.0, 60.0, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    path = trace(membrane, stiffness)
+    start, there = path(0.24)[0], path(0.25)[0]
+    volume, off = membrane.volume(there), float(np.abs(there - start).max())
+    assert at_volume(membrane, stiffness, start, 0.24, volume, within=1.1 * off).stable
+    with pytest.raises(NewtonError) as caught:
+        at_volume(membrane, stiffness, start, 0.24, volume, within=0.9 * off)
+    assert caught.value.work == 1
 
 
 def test_shape_of_a_volume_is_that_of_its_pressure() -> None:

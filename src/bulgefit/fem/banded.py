@@ -1,4 +1,4 @@
-"""Substitutions with the Cholesky factor of a band, all right-hand sides together.
+"""What LAPACK has no fast routine for: substitutions with a band's factor, and the whole band.
 
 LAPACK's dpbtrs takes one right-hand side after the other and reads the factor anew for each. Here
 four columns of the factor at a time serve all of them while they are in the fastest memory, and two
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bulgefit.fem.jit import compiled, inlined, merged
 
-__all__ = ["stored_height", "substitute"]
+__all__ = ["stored_height", "substitute", "widen"]
 
 Floats = NDArray[np.float64]
 
@@ -145,3 +145,21 @@ def substitute(column: Floats, right: Floats) -> None:
             _backward_two(column, j, right[k], right[k + 1])
         if paired < len(right):
             _backward(column, j, right[paired])
+
+
+@compiled
+def widen(column: Floats, below: int, general: Floats) -> None:
+    """The whole of a symmetric band from its columns, as LAPACK's dgbtrf takes it.
+
+    Parameters
+    ----------
+    column : (N, height) array
+        The columns from the diagonal down, with `below` subdiagonals.
+    general : (N, 3 below + 1) array
+        Overwritten: row j holds column j, its diagonal after 2 below places, of which the first
+        half are left for the factor to fill, and set by it.
+    """
+    for j in range(len(column)):
+        general[j, 2 * below :] = column[j, : below + 1]
+        for k in range(1, min(j, below) + 1):
+            general[j, 2 * below - k] = column[j - k, k]

@@ -32,6 +32,9 @@ AGAIN_BELOW = 0.25
 #: Radii beyond which a shape runs away, as descent lets it above a limit pressure, where the
 #: potential has no bottom: a cap as high has a hundred times the area of its disc.
 RUN_AWAY = 10.0
+#: How many times as far as a step by a shifted tangent the potential is looked at, at a time, and
+#: the share of the radius up to which: at a rise of a tenth the next shape has little of the last.
+_LONGER, _FAR = 10.0, 0.1
 #: Newton's method converges quadratically: a step whose successor, by this rule and this factor of
 #: safety, is below `CORRECTION` is the last. The second is of curves, whose slopes have kinks: the
 #: rule may be another beyond one.
@@ -139,6 +142,7 @@ def solve(
     exact: bool = False,
     patient: bool = False,
     convex: bool = False,
+    within: float = np.inf,
 ) -> Equilibrium:
     """Balance `pressure` from the displacement `start`.
 
@@ -170,13 +174,17 @@ def solve(
         From afar, allow the steps that cloth may take which lies loosely.
     convex : bool
         From afar, but only as far as tangents are positive definite: into no other valley.
+    within : float, mm
+        What the first correction of a prediction may be.
 
     Raises
     ------
     NewtonError
     """
     watch = thrifty and follow and not exact
-    search = _Search(membrane, pressure, stiffness, follow, watch=watch, convex=convex)
+    search = _Search(
+        membrane, pressure, stiffness, follow, watch=watch, convex=convex, within=within
+    )
     # copies that are extrapolated from level to level would drift away, by rounding at first
     displacement = membrane.tied(start)
     unit = membrane.radius / 100.0
@@ -232,9 +240,10 @@ class _Search:
         *,
         watch: bool,
         convex: bool,
+        within: float,
     ) -> None:
         self.membrane, self.pressure, self.stiffness = membrane, pressure, stiffness
-        self.follow, self.convex = follow, convex
+        self.follow, self.convex, self.within = follow, convex, within
         self.shift = 0.0
         self.leapt = False
         self.work = 0
@@ -327,6 +336,8 @@ class _Search:
         if smooth and safety * self.rate * size**2 <= CORRECTION * self._unit:
             last = displacement + self.membrane.spread(step)
             return last, replace(state, tangent=None), np.zeros_like(step)
+        if iteration == 1 and size > self.within:
+            raise NewtonError("the prediction is far off", iteration, _norm(state), self.work)
         slope = float(state.residual @ step)
         fraction = 1.0
         # between all but collapsed cells a search takes steps in the last digits, and goes nowhere
@@ -342,9 +353,37 @@ class _Search:
                 lower = new.potential <= state.potential + 1e-4 * fraction * slope
                 if natural or (lower and not self.follow) or size <= self._rounding:
                     self.rate = ahead / size**2 if fraction == 1.0 else np.inf
-                    return trial, new, correction
+                    found = trial, new, correction
+                    if self.shift == 0.0 or fraction < 1.0 or not lower:
+                        return found
+                    return self._lengthened(displacement, step, slope, factor, found)
             fraction *= 0.5
         raise NewtonError("no step makes progress", iteration, _norm(state), self.work)
+
+    def _lengthened(
+        self,
+        displacement: Floats,
+        step: Floats,
+        slope: float,
+        factor: Factor,
+        found: tuple[Floats, State, Floats],
+    ) -> tuple[Floats, State, Floats]:
+        """What a `step` by a shifted tangent has `found`, or what lies farther along it.
+
+        Such a tangent is too stiff, and the step too short. The potential's `slope` at its start
+        and the one at its end make a parabola: where that is least at twice the step or beyond, its
+        least value is looked for there, up to ten times as far, since the next shift is a tenth.
+        """
+        length, most = 1.0, _FAR * self.membrane.radius / float(np.abs(step).max())
+        while length < most and 2.0 * (left := float(found[1].residual @ step)) <= slope:
+            longer = slope / (slope - left) if left > slope else _LONGER
+            length = min(length * min(longer, _LONGER), most)
+            trial = displacement + self.membrane.spread(length * step)
+            new = self.look(trial, tangent=found[1].wrinkled > 0)
+            if not new.potential < found[1].potential:
+                break
+            found = trial, new, self.correct(factor, new)
+        return found
 
     def polish(
         self, displacement: Floats, state: State, factor: Factor, correction: Floats, step: float

@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from bulgefit.errors import InputError, one_of
 from bulgefit.fem import lapack
-from bulgefit.fem.banded import stored_height, substitute
+from bulgefit.fem.banded import stored_height, substitute, widen
 from bulgefit.fem.ordering import narrow_order
 
 __all__ = ["SOLVERS", "Factor", "LinearSolver", "NotPositiveDefiniteError", "make_solver"]
@@ -162,12 +162,10 @@ class BandedCholesky:
 
     def factorise_indefinite(self, data: Floats) -> Factor:
         """LAPACK's banded LU with partial pivoting."""
-        band = data[:-1].reshape((self._height, self.size), order="F")
         below = self._below
-        general = np.zeros((3 * below + 1, self.size), order="F")
-        general[2 * below :] = band[: below + 1]
-        for k in range(1, below + 1):
-            general[2 * below - k, k:] = band[k, : self.size - k]
+        general = np.empty((self.size, 3 * below + 1))
+        widen(data[:-1].reshape(self.size, self._height), below, general)
+        general = general.T
         pivots, info = lapack.dgbtrf(general, below)
         if info != 0:
             raise NotPositiveDefiniteError(f"zero pivot {info}")

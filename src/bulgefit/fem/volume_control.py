@@ -27,8 +27,9 @@ __all__ = ["Point", "at_volume", "highest_pressure"]
 Floats = NDArray[np.float64]
 
 #: Newton's method converges quadratically from a shape near by, or not at all. Where wrinkles come
-#: and go, a correction may be longer than the one before it; where two are, it does not contract.
-_ITERATIONS, _LONGER = 10, 2
+#: and go, a correction may be as long as the one before it, or longer; where two are, it does not
+#: contract. Over a kink it may go to and fro for ever, by lengths that are alike within a tenth.
+_ITERATIONS, _AS_LONG, _NEVER_SHORTER = 10, 0.9, 2
 #: Corrections (mm, for a radius of 100 mm) after which the factor at hand serves for the next: they
 #: change ∂u/∂V by less than what any test of it asks for.
 _RENEWED_ABOVE = 1e-5
@@ -71,16 +72,29 @@ class Point:
 
 
 def at_volume(
-    membrane: Membrane, stiffness: Floats, start: Floats, pressure: float, volume: float
+    membrane: Membrane,
+    stiffness: Floats,
+    start: Floats,
+    pressure: float,
+    volume: float,
+    *,
+    within: float = np.inf,
 ) -> Point:
     """The equilibrium with this volume, from a shape and a pressure near by.
+
+    Parameters
+    ----------
+    within : float, mm
+        What the first correction may be. Shapes of volumes near by lie within the radius at least;
+        far from any, a factor may fill up without end.
 
     Raises
     ------
     NewtonError
     """
     displacement, unit = membrane.tied(start), membrane.radius / 100.0
-    close, size, longer, work = CORRECTION * unit, np.inf, 0, 0
+    close, size, as_long, work = CORRECTION * unit, np.inf, 0, 0
+    within = min(within, membrane.radius)
     for iteration in range(1, _ITERATIONS + 1):
         before, renewed = size, size > _RENEWED_ABOVE * unit
         state = membrane.state(displacement, pressure, stiffness, tangent=renewed)
@@ -103,8 +117,7 @@ def at_volume(
         rate = (volume - membrane.volume(displacement) + force @ back) / growth
         correction = rate * ahead - back
         size = float(np.abs(correction).max())
-        # shapes of volumes near by lie within it; far from any, a factor may fill up without end
-        if not size <= membrane.radius:
+        if not size <= (within if iteration == 1 else membrane.radius):
             break
         displacement = displacement + membrane.spread(correction)
         pressure += float(rate)
@@ -116,8 +129,8 @@ def at_volume(
             return Point(
                 displacement, pressure, volume, stable, state.wrinkled, 1.0 / growth, slope, work
             )
-        longer += size >= before
-        if longer == _LONGER:
+        as_long += size >= _AS_LONG * before
+        if as_long == _NEVER_SHORTER:
             break
     residual = float(np.abs(state.residual).max())
     raise NewtonError("no convergence at a given volume", iteration, residual, work)

@@ -64,14 +64,14 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
     StoppedError
         At the limit pressure, or where the law loses ellipticity short of the s = `end`.
     """
-    points = [here]
+    points, halved = [here], False
     while growth >= LEAST_GROWTH and len(points) <= PATIENTLY:
         here = points[-1]
         try:
             point = _at_volume(tracer, here, here.volume + growth * abs(here.volume))
         except NewtonError as error:
             tracer.wasted += error.work
-            growth *= 0.5
+            growth, halved = 0.5 * growth, True
             continue
         # falling pressure, or one that has been higher still
         lower = point.pressure < here.pressure and not point.stable
@@ -83,7 +83,9 @@ def rising(tracer: Tracer, here: Point, growth: float, end: float) -> Iterator[P
         if falls:
             raise _limit(tracer, points)
         yield point
-        growth *= _longer(tracer, here, point)
+        # half of what is left to where no step led
+        growth *= 0.5 if halved else _longer(tracer, here, point)
+        halved = False
         growth = min(max(growth, LEAST_GROWTH), _MOST_GROWTH)  # over a kink ∂u/∂p grows at once
 
 
@@ -143,9 +145,15 @@ def _first_growth(tracer: Tracer, volume: float) -> float:
 
 
 def _at_volume(tracer: Tracer, here: Point, volume: float) -> Point:
-    """The point of a branch at a volume above that of `here`; raises NewtonError."""
-    start = here.displacement + (volume - here.volume) * here.slope
-    return _checked(tracer, here, _from(tracer, start, here.pressure, volume))
+    """The point of a branch at a volume above that of `here`; raises NewtonError.
+
+    Where a first correction is longer than the step, the tangent says nothing of what lies ahead.
+    """
+    grown = volume - here.volume
+    step = grown * here.slope
+    within = np.inf if _is_short(here, volume) else float(np.abs(step).max())
+    found = _from(tracer, here.displacement + step, here.pressure, volume, within)
+    return _checked(tracer, here, found)
 
 
 def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
@@ -176,7 +184,7 @@ def _checked(tracer: Tracer, here: Point, point: Point) -> Point:
     if leaps and kinks and not folds and here.stable and point.stable:
         leaps = not _in_one_valley(tracer, here, point, (before, after))
     behind = point.stable and point.pressure < here.pressure
-    if leaps or (behind and not (near and _is_short(here, point))):
+    if leaps or (behind and not (near and _is_short(here, point.volume))):
         raise NewtonError("the shape is one of another branch", 0, 0.0, 0)
     return point
 
@@ -202,15 +210,15 @@ def _may_fold(here: Point, point: Point) -> bool:
     Over a kink, where a wrinkle comes or goes, ∂u/∂p changes by any factor, but however short the
     step: so the shortest ones tell a kink.
     """
-    if _is_short(here, point):
+    if _is_short(here, point.volume):
         return False
     speeds = sorted((_speed(here), _speed(point)))
     return 0.0 < 2.0 * speeds[0] < speeds[1]
 
 
-def _is_short(here: Point, point: Point) -> bool:
+def _is_short(here: Point, volume: float) -> bool:
     """Whether a step is one of the shortest, over which nothing is told of what lies between."""
-    return point.volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume)
+    return volume - here.volume < 2.0 * LEAST_GROWTH * abs(here.volume)
 
 
 def _past_turn(
@@ -265,10 +273,10 @@ def _turn(tracer: Tracer, low: Point, high: Point) -> tuple[Point, Point]:
     return low, high
 
 
-def _from(tracer: Tracer, start: Floats, pressure: float, volume: float) -> Point:
-    """The point at a volume from a shape and a pressure near by; raises NewtonError."""
+def _from(tracer: Tracer, start: Floats, pressure: float, volume: float, within: float) -> Point:
+    """The point at a volume from a shape near by (mm), and a pressure; raises NewtonError."""
     try:
-        point = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume)
+        point = at_volume(tracer.membrane, tracer.stiffness, start, pressure, volume, within=within)
     except NewtonError as error:
         tracer.work += error.work
         raise

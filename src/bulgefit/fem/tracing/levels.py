@@ -231,11 +231,13 @@ class Tracer:
         ------
         NewtonError
         """
+        near = follow and not rough and self.elliptic
+        within = self._step_to(s, guess) if near else np.inf
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
                 thrifty=True, follow=follow, exact=self.sensitivities, patient=patient,
-                convex=convex,
+                convex=convex, within=within,
             )  # fmt: skip
         except NewtonError as error:
             self.work += error.work
@@ -274,6 +276,11 @@ class Tracer:
             balance.factor,
         )
         self.levels.insert(bisect([other.s for other in self.levels], s), level)
+
+    def _step_to(self, s: float, guess: Floats) -> float:
+        """The length (mm) of the step to a guess, beyond which a correction tells it was wrong."""
+        below = self.levels[bisect([level.s for level in self.levels], s) - 1]
+        return float(np.abs(guess - below.displacement).max())
 
     def _is_near(self, s: float, shape: Floats, slope: Floats) -> bool:
         """Whether a shape and its ∂u/∂s are in the valley of the newest level."""
