@@ -391,6 +391,31 @@ def test_what_mirrors_is_not_balanced_askew() -> None:
     assert caught.value.pressure == pytest.approx(1e-4)
 
 
+def test_a_shifted_step_goes_as_far_as_it_lowers_the_potential(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A tangent whose diagonal is raised is too stiff: its steps led to the same shape in 106."""
+    membrane = Membrane(disc(100.0, 3), 0.81, fabric=Fabric(slack=(-0.019239786, -0.012171133)))
+    stiffness = orthotropic_stiffness(802.158592, 3008.820262, 2.776162, 0.348988)
+    guess = flat_guess(membrane, 1e-4, stiffness)
+    far = solve(membrane, guess, 1e-4, stiffness, patient=True)
+    monkeypatch.setattr("bulgefit.fem.equilibrium._FAR", 0.0)
+    near = solve(membrane, guess, 1e-4, stiffness, patient=True)
+    np.testing.assert_allclose(far.displacement, near.displacement, rtol=0, atol=1e-8)
+    assert far.factorisations < 0.5 * near.factorisations
+
+
+def test_a_prediction_that_is_far_off_is_given_up() -> None:
+    stiffness = orthotropic_stiffness(300.0, 200.0, 60.0, 0.24)
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    path = trace(membrane, stiffness)
+    start, off = path(0.24)[0], float(np.abs(path(0.25)[0] - path(0.24)[0]).max())
+    assert solve(membrane, start, 0.25, stiffness, follow=True, within=1.1 * off).stable
+    with pytest.raises(NewtonError, match="the prediction is far off") as caught:
+        solve(membrane, start, 0.25, stiffness, follow=True, within=0.9 * off)
+    assert caught.value.work == 1
+
+
 def test_a_limit_pressure_of_bands_is_a_loss_of_ellipticity() -> None:
     """The mesh held them back up to 2.75 bar; shapes with bands bear more, and depend on it."""
     heights = (9.6361, -9.05094, 6.69473, 5.77534, -0.909928)

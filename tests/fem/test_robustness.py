@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from bulgefit.fem.equilibrium import CORRECTION, NewtonError, flat_guess, solve
 from bulgefit.fem.membrane import Fabric, Membrane
 from bulgefit.fem.mesh import disc
 from bulgefit.fem.sensitivity import slope_in_pressure
-from bulgefit.fem.trace import trace
+from bulgefit.fem.trace import trace, traced
 from bulgefit.fem.tracing import advance, by_volume, sound
 from bulgefit.fem.tracing.ends import StoppedError
 from bulgefit.fem.tracing.levels import Tracer
@@ -376,3 +377,41 @@ def test_loose_cloth_takes_four_fifths_of_the_work_at_most(
     path = trace(membrane, stiffness)
     assert path.stable.all()
     assert path.factorisations < 0.8 * work
+
+
+def test_a_search_that_goes_to_and_fro_over_a_kink_ends(
+    benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By corrections of lengths alike it went on to the ninth iteration."""
+    case, ends = benchmark.draw(185, 140), []
+    at_volume = by_volume.at_volume
+
+    def watched(*args: Any, **more: Any) -> Point:
+        try:
+            return at_volume(*args, **more)
+        except NewtonError as error:
+            ends.append(error.iteration)
+            raise
+
+    monkeypatch.setattr(by_volume, "at_volume", watched)
+    found = traced(case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12))
+    assert found.error is not None
+    assert found.error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert 3 <= max(ends) <= 6
+
+
+def test_sets_that_take_too_long_are_timed_again_alone(
+    benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beside = dict(enumerate([1.0] * 40 + [25.0, 21.0, 19.0]))
+    alone = dict(enumerate([0.5] * 40 + [11.0, 8.0, 9.0]))
+    case = benchmark.draw(0, 0)
+    found = [{"set": n, "seconds": t, "refine": 3} for n, t in beside.items()]
+    monkeypatch.setattr(benchmark, "warm", lambda: None)
+    monkeypatch.setattr(
+        benchmark, "outcome", lambda asked, *, checked: {"seconds": alone[asked.angle]}
+    )
+    said = benchmark.timed_alone(lambda number: replace(case, angle=number), found)
+    assert said == [
+        "3 cells along the middle, alone, over the median: 22.0 (set 40), 16.0 (set 41)."
+    ]
