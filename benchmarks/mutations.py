@@ -740,7 +740,7 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/by_volume.py",
-        "(near and _is_short(here, point))",
+        "(near and _is_short(here, point.volume))",
         "(near and False)",
         "fem/test_robustness.py",
     ),
@@ -762,6 +762,7 @@ MUTANTS = (
         "if lowest > enough:",
         "fem/test_ellipticity.py",
     ),
+    Mutant("fem/banded.py", "= column[j - k, k]", "= column[j, k]", CONSISTENCY),
 )
 
 
