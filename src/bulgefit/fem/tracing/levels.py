@@ -231,6 +231,7 @@ class Tracer:
         ------
         NewtonError
         """
+        # over a singular point, as paths go that do not end there, leaps may end anywhere
         near = follow and not rough and self.elliptic
         within = self._step_to(s, guess) if near else np.inf
         try:
