@@ -541,13 +541,13 @@ MUTANTS = (
         "fem/tracing/by_volume.py",
         "before, after, 2.0 * tracer.tolerance)",
         "before, after, 1e3 * tracer.tolerance)",
-        "fem/test_path.py",
+        "fem/test_robustness.py",
     ),
     Mutant(
         "fem/tracing/by_volume.py",
         "0.0 < 2.0 * speeds[0] < speeds[1]",
         "0.0 < 200.0 * speeds[0] < speeds[1]",
-        "fem/test_path.py",
+        "fem/test_robustness.py",
     ),
     Mutant(
         "fem/tracing/by_volume.py",

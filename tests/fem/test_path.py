@@ -822,11 +822,15 @@ def test_wrinkles_that_keep_a_search_from_settling_are_no_rounding() -> None:
         assert np.abs(left).max() <= 1e-9 * stiffness.max() * membrane.thickness
 
 
-def test_a_last_step_is_not_trusted_to_a_rate_that_corrections_belied() -> None:
+def test_a_last_step_is_not_trusted_to_a_rate_that_corrections_belied(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Taut cloth of a soft clamp as it turns up: corrections stalled, the step after them was none.
 
-    One level was left out of balance by twice as much as 1e-8 mm take.
+    One level was left out of balance by twice as much as 1e-8 mm take. Its search began from a
+    prediction that is given up by now.
     """
+    monkeypatch.setattr("bulgefit.fem.tracing.levels.Tracer._step_to", lambda *_: np.inf)
     mesh = disc(100.0, 2)
     x, y = mesh.nodes.T / 100.0
     height = -3.83461 + 6.62114 * x + 3.33536 * y - 4.7976 * (x * x - y * y) - 13.6544 * x * y

@@ -415,3 +415,13 @@ def test_sets_that_take_too_long_are_timed_again_alone(
     assert said == [
         "3 cells along the middle, alone, over the median: 22.0 (set 40), 16.0 (set 41)."
     ]
+
+
+def test_a_step_over_which_the_stiffness_halves_may_lead_over_a_fold() -> None:
+    """The least stiffness is as one over ∂u/∂p, however a wrinkle may change that at once."""
+    here = Point(np.zeros((1, 3)), 0.1, 1.0, True, 0, 1.0, np.ones((1, 3)), 0)
+    for times, folds in ((1.9, False), (2.1, True), (1 / 1.9, False), (1 / 2.1, True)):
+        there = replace(here, volume=1.1, rate=here.rate / times)
+        assert by_volume._may_fold(here, there) == folds
+    near = replace(here, volume=1.0 + 1.9 * by_volume.LEAST_GROWTH, rate=0.1)
+    assert not by_volume._may_fold(here, near)
