@@ -425,3 +425,16 @@ def test_a_step_over_which_the_stiffness_halves_may_lead_over_a_fold() -> None:
         assert by_volume._may_fold(here, there) == folds
     near = replace(here, volume=1.0 + 1.9 * by_volume.LEAST_GROWTH, rate=0.1)
     assert not by_volume._may_fold(here, near)
+
+
+def test_a_valley_excuses_a_leap_over_kinks_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kinks come with wrinkles: without any a branch has to be as smooth as its tangents say."""
+    tracer = Tracer(Membrane(disc(100.0, 1)), np.ones(4), 1e-3, False, elliptic=True)
+    monkeypatch.setattr(tracer, "is_elliptic", lambda _: False)
+    monkeypatch.setattr(by_volume, "_in_one_valley", lambda *_: True)
+    here = Point(np.zeros((1, 3)), 0.1, 1.0, True, 0, 1.0, np.ones((1, 3)), 0)
+    there = replace(here, displacement=np.full((1, 3), 5.0), pressure=0.2, volume=1.1)
+    with pytest.raises(NewtonError, match="another branch"):
+        by_volume._checked(tracer, here, there)
+    wrinkled = replace(there, wrinkled=1)
+    assert by_volume._checked(tracer, here, wrinkled) is wrinkled
