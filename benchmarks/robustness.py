@@ -461,11 +461,11 @@ def medians(found: list[dict[str, Any]]) -> dict[int, float]:
 def timed_alone(drawn: Callable[[int], Case], found: list[dict[str, Any]]) -> list[str]:
     """Times of sets that took too long, over those of sets about the median, with none beside."""
     lines = []
+    warm()
     for refine, middle in medians(found).items():
         some = [f for f in found if f["seconds"] and f["refine"] == refine]
         late = [f["set"] for f in some if f["seconds"] > _LONG * middle]
         if late:
-            warm()
             some.sort(key=lambda f: abs(f["seconds"] - middle))
             about = np.median([_seconds(drawn(f["set"])) for f in some[:_ABOUT]])
             times = {number: _seconds(drawn(number)) / about for number in late}
