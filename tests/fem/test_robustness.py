@@ -158,6 +158,22 @@ def test_a_loss_beyond_the_range_is_none_of_the_path(benchmark: ModuleType) -> N
     assert caught.value.reached == pytest.approx(0.0082466, rel=1e-4)
 
 
+def test_a_path_whose_end_is_followed_anew_ends_there(benchmark: ModuleType) -> None:
+    """And not beyond it, at 1.99569 bar, beside a loss: that was told of a path to 1.976 bar."""
+    case = benchmark.draw(188, 9099)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    path = trace(membrane, stiffness, (1e-4, 0.1975760157))
+    assert path.stable.all()
+    assert path.pressure[-1] == pytest.approx(0.1975760157, rel=1e-12)
+
+
+def test_a_level_is_none_of_the_branch_where_the_tangent_has_turned(benchmark: ModuleType) -> None:
+    """A step led over a snap of 0.3 mm at 1.179 bar, a loss was told at 1.665 bar."""
+    membrane, stiffness, error = end_of(benchmark, 188, 6825)
+    assert error.reached == pytest.approx(0.11790026, rel=1e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
+
+
 def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
     """Beyond a fork it was taken for stable, by the tangent of a shape near by.
 

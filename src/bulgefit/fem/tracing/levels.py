@@ -321,11 +321,16 @@ class Tracer:
         """True where a level's slope does not fit the level below it.
 
         The slope has a pole where the tangent is singular. A level beside the pole would spoil
-        the dense output far around it, while the path is mostly smooth on either side.
+        the dense output far around it, while the path is mostly smooth on either side. Where the
+        law is not elliptic the branch may have folded, so that the level is one of another.
         """
         below = self.levels[bisect([level.s for level in self.levels], s) - 1]
-        fitting = 2.0 * (displacement - below.displacement) / (s - below.s) - below.slope
-        return bool(np.abs(slope - fitting).max() > _POLE * np.abs(slope).max())
+        change, before = displacement - below.displacement, (s - below.s) * below.slope
+        after = (s - below.s) * slope
+        if np.abs(after - 2.0 * change + before).max() > _POLE * np.abs(after).max():
+            return True
+        folds = self.elliptic and not are_alike(change, before, after)
+        return folds and not self.is_elliptic(below.displacement)
 
     def error(self, after: int, slight: float) -> float:
         """Error (mm) of the dense output halfway between level `after` and the next.
