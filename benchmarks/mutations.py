@@ -763,6 +763,18 @@ MUTANTS = (
         "fem/test_ellipticity.py",
     ),
     Mutant("fem/banded.py", "= column[j - k, k]", "= column[j, k]", CONSISTENCY),
+    Mutant(
+        "fem/tracing/levels.py",
+        "return folds and not self.is_elliptic(below",
+        "return folds and self.is_elliptic(below",
+        "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/tracing/sound.py",
+        "return top, _shape_between(",
+        "return s, _shape_between(",
+        "fem/test_robustness.py",
+    ),
 )
 
 

@@ -174,6 +174,27 @@ def test_a_level_is_none_of_the_branch_where_the_tangent_has_turned(benchmark: M
     assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
 
 
+def test_a_search_ends_where_wrinkles_leave_no_more_than_noise(benchmark: ModuleType) -> None:
+    """Corrections went on at 3e-6 mm, and a loss at rest was told of cloth that is stable.
+
+    Its Poisson's ratio is within 2e-4 of what it may be, so that D22 is 4,600 times E2.
+    """
+    case = replace(benchmark.draw(189, 7509), refine=3)
+    membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
+    guess = flat_guess(membrane, 1e-4, stiffness)
+    balance = solve(membrane, guess, 1e-4, stiffness, patient=True)
+    assert balance.stable
+    state = membrane.state(balance.displacement, 1e-4, stiffness)
+    assert np.abs(balance.factor.solve(state.residual)).max() < 1e-4  # mm
+
+
+def test_cloth_that_is_past_its_loss_where_taut_may_not_be_at_rest(benchmark: ModuleType) -> None:
+    """A loss at rest was told by the shape at a pressure from which one at rest was found."""
+    _, _, error = end_of(benchmark, 189, 8611)
+    assert error.cause is Cause.LOSS_OF_ELLIPTICITY
+    assert error.reached == pytest.approx(0.113359, rel=1e-3)
+
+
 def test_a_level_is_stable_by_its_own_tangent(benchmark: ModuleType) -> None:
     """Beyond a fork it was taken for stable, by the tangent of a shape near by.
 

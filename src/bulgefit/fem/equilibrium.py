@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bulgefit.errors import Cause
 from bulgefit.fem.linear import Factor, NotPositiveDefiniteError
 from bulgefit.fem.membrane import Membrane, State
+from bulgefit.fem.relaxation import BALANCED
 
 __all__ = ["Equilibrium", "NewtonError", "RunAwayError", "flat_guess", "solve"]
 
@@ -196,6 +197,8 @@ def solve(
         if state.tangent is None:
             state = search.look(displacement, tangent=True)
         factor, stable = search.factor(displacement, state, iteration)
+        if search.shift == 0.0 and search.is_noise(state):
+            return search.found(displacement, state, factor, exact=True, stable=stable)
         before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         if np.abs(displacement).max() > RUN_AWAY * membrane.radius:
@@ -210,10 +213,7 @@ def solve(
             if polished is not None:
                 if exact:
                     factor, stable = search.own_factor(polished, iteration)
-                return Equilibrium(
-                    pressure, polished, factor, exact, search.slope, search.slope_change,
-                    search.work, state.wrinkled, stable, search.leapt,
-                )  # fmt: skip
+                return search.found(polished, state, factor, exact=exact, stable=stable)
             # what stalls does not converge as the last step let hope
             search.rate = np.inf
         elif ahead <= AGAIN_BELOW * step:
@@ -419,6 +419,27 @@ class _Search:
         """
         force = CORRECTION * self._unit * float(self.stiffness[:2].max()) * self.membrane.thickness
         return _norm(state) > force
+
+    def is_noise(self, state: State) -> bool:
+        """Whether what is out of balance is no more than wrinkles leave.
+
+        They are found to `BALANCED` of D11 + D22, as a stress, which by the thickness and the size
+        of a cell is a force; four cells meet at a node. Where Poisson's ratio is all but what it
+        may be, D11 and D22 are thousands of times the moduli, and corrections by it count.
+        """
+        mesh = self.membrane.mesh
+        size = self.membrane.radius * np.sqrt(np.pi / len(mesh.cells))
+        stress = BALANCED * float(self.stiffness[:2].sum())
+        return state.wrinkled > 0 and _norm(state) <= 4.0 * stress * self.membrane.thickness * size
+
+    def found(
+        self, displacement: Floats, state: State, factor: Factor, *, exact: bool, stable: bool
+    ) -> Equilibrium:
+        """What the search ends with."""
+        return Equilibrium(
+            self.pressure, displacement, factor, exact, self.slope, self.slope_change,
+            self.work, state.wrinkled, stable, self.leapt,
+        )  # fmt: skip
 
     def within_reach(self, step: float) -> float:
         """Correction (mm) after a step of this size that `CORRECTIONS` more would make vanish.

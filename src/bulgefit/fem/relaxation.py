@@ -13,6 +13,7 @@ import math
 from bulgefit.fem.jit import compiled, merged
 
 __all__ = [
+    "BALANCED",
     "SLACK",
     "TAUT",
     "WRINKLED",
@@ -25,6 +26,8 @@ __all__ = [
 
 TAUT, WRINKLED, SLACK = 0, 1, 2
 
+#: Stress along a wrinkle, over D11 + D22, that is none.
+BALANCED = 1e-13
 #: Of a compression over D11 + D22 that is none: a wrinkle is found to a thousandth of it.
 _NO_STRESS = 1e-10
 #: Directions of a wrinkle that are tried over a half turn where the first one does not do.
@@ -188,7 +191,7 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2, at):
         r1 = at[1] * a1 + at[3] * a2
         r2 = at[3] * a1 + at[2] * a2
         norm_a = math.sqrt(a1 * a1 + a2 * a2)
-        if math.sqrt(r1 * r1 + r2 * r2) <= 1e-13 * scale * norm_a:
+        if math.sqrt(r1 * r1 + r2 * r2) <= BALANCED * scale * norm_a:
             return True, a1, a2, at
         m11, m22, m12 = _wrinkle_hessian(a1, a2, at)
         # Newton only where the Hessian is positive definite, else with a shift by which its lower

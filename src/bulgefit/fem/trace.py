@@ -312,9 +312,10 @@ def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
     Raises
     ------
     StoppedError
-        Where that is past the loss of ellipticity.
+        Where that is past the loss of ellipticity, or pressures are from which none leads to it.
     """
     membrane, stiffness = tracer.membrane, tracer.stiffness
+    lost = False
     for factor in TAUTER:
         pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
         if pressures[0] > high**3:
@@ -325,14 +326,15 @@ def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
                 balance = solve(membrane, shape, p, stiffness, patient=True)
                 tracer.work += balance.factorisations
                 shape = balance.displacement
-                if tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape):
-                    raise lost_at(tracer, low, 0.0)
+                lost |= tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape)
             tracer.solve(low, shape, follow=False)
             return True
         except BandedError as banded:
             raise lost_at(tracer, low, 0.0) from banded
         except NewtonError as again:
             tracer.work += again.work
+    if lost:
+        raise lost_at(tracer, low, 0.0)
     return False
 
 
