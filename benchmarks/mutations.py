@@ -775,6 +775,12 @@ MUTANTS = (
         "return s, _shape_between(",
         "fem/test_robustness.py",
     ),
+    Mutant(
+        "fem/equilibrium.py",
+        "_norm(state) <= 4.0 * stress",
+        "_norm(state) <= 0.0 * stress",
+        "fem/test_robustness.py",
+    ),
 )
 
 
