@@ -425,7 +425,7 @@ class _Search:
 
         They are found to `BALANCED` of D11 + D22, as a stress, which by the thickness and the size
         of a cell is a force; four cells meet at a node. Where Poisson's ratio is all but what it
-        may be, D11 and D22 are thousands of times the moduli, and corrections by it count.
+        may be, D11 and D22 are thousands of times the moduli, and it takes more than `CORRECTION`.
         """
         mesh = self.membrane.mesh
         size = self.membrane.radius * np.sqrt(np.pi / len(mesh.cells))

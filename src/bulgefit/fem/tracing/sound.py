@@ -98,8 +98,8 @@ def _shape_between(low: Point, high: Point, pressure: float) -> Floats:
     Shapes and pressures are smooth in the volume where the branch is about to fold, too.
     """
     ends = low.volume, high.volume
-    rising = CubicHermiteSpline(ends, (low.pressure, high.pressure), (low.rate, high.rate))
-    at = rising.solve(pressure, extrapolate=False)
+    pressures = CubicHermiteSpline(ends, (low.pressure, high.pressure), (low.rate, high.rate))
+    at = pressures.solve(pressure, extrapolate=False)
     volume = at[0] if len(at) else high.volume  # by rounding
     shapes = (low.displacement, high.displacement)
     return np.asarray(CubicHermiteSpline(ends, shapes, (low.slope, high.slope))(volume))
