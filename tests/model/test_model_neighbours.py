@@ -12,6 +12,7 @@ from bulgefit.errors import SolveError
 from bulgefit.fem.equilibrium import NewtonError
 from bulgefit.fem.membrane import Membrane
 from bulgefit.model.description import active_effects, null_values, with_value
+from bulgefit.model.inflation import Shapes
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -194,3 +195,19 @@ def test_what_is_not_inflated_does_not_move_with_the_gauge(offset: float) -> Non
     assert not path[rest].any()
     for along, own in zip(path, frames, strict=True):
         np.testing.assert_allclose(along, own, atol=1e-3 * np.abs(own).max())
+
+
+def test_a_frame_is_found_beside_one_whose_path_is_coarse() -> None:
+    """Beyond ellipticity levels may be a descent apart, and dense output between them far off."""
+    at = np.array([[0.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
+    moduli = {"E1": 64.2, "E2": 23.7, "G12": 0.96, "axis_misalignment.angle": 27.0}
+
+    def found(*pressures: float) -> Shapes:
+        nothing = np.zeros((len(pressures), 2, 3))
+        test = BulgeTest.from_arrays(at, nothing, pressures, poisson_ratio=0.3)
+        setup = Setup(refine=2, correct_mesh=False, interpolation="none")
+        return VirtualTest(test, setup).shapes(moduli)
+
+    both, alone = found(0.0774, 0.12), found(0.0774)
+    assert both.stable.all()
+    np.testing.assert_allclose(both.displacement[0], alone.displacement[0], atol=1e-6)

@@ -279,39 +279,41 @@ class Inflation:
         pressure = np.maximum(loads, LEAST_PRESSURE)
         work, loose = 0, False
         if guesses is None:
-            guesses, work = self._guesses(membrane, given, pressure, values, within=within)
+            starts, work = self._starts(membrane, given, pressure, values, within=within)
             loose = membrane.fabric.lies_loosely
-        guesses[:, membrane.fixed] = 0.0
+        else:
+            starts = guesses[None]
+        starts[:, :, membrane.fixed] = 0.0
         if given.edge is not None:
             rim = self.mesh.rim
-            guesses[:, rim] = np.where(membrane.fixed[rim], given.edge, guesses[:, rim])
+            starts[:, :, rim] = np.where(membrane.fixed[rim], given.edge, starts[:, :, rim])
         forces = Forces(membrane, given, changes, self.membrane)
         # frame by frame into their places: they are hundreds of megabytes where fields are free
-        fields = np.empty((len(changes), *guesses.shape))
+        fields = np.empty((len(changes), *starts.shape[1:]))
         alike = not changes and given.edge is None and given.eased is None
-        quarter = self._mirrored(membrane, guesses) if alike else None
+        quarter = self._mirrored(membrane, starts) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int]:
             if rest[frame]:
                 fields[:, frame] = 0.0
-                return np.zeros_like(guesses[frame]), True, 0, 0
+                return np.zeros_like(starts[0, frame]), True, 0, 0
             # in the error of the first frame that fails: those before it are balanced
             reached = float(loads[:frame].max(initial=0.0))
             if quarter is not None:
                 return _by_quarter(
-                    membrane, quarter, guesses[frame], pressure[frame], given.stiffness, values,
+                    membrane, quarter, starts[:, frame], pressure[frame], given.stiffness, values,
                     loose=loose, reached=reached,
                 )  # fmt: skip
             known = None if self._found is None else self._found.get(frame)
-            if known is not None and known.serves(given, frame, guesses[frame]):
+            if known is not None and known.serves(given, frame, starts[0, frame]):
                 balance = known.balance
             else:
                 balance = _solved(
-                    _of_frame(membrane, given, frame), guesses[frame], pressure[frame],
+                    _of_frame(membrane, given, frame), starts[:, frame], pressure[frame],
                     given.stiffness, values, loose=loose, reached=reached,
                 )  # fmt: skip
             if self._found is not None:
-                self._found[frame] = _Found(given, guesses[frame], balance)
+                self._found[frame] = _Found(given, starts[0, frame], balance)
             if changes:
                 try:
                     forces.fields(balance, frame, fields[:, frame])
@@ -360,7 +362,7 @@ class Inflation:
         )
 
     def _mirrored(self, membrane: Membrane, guesses: Floats) -> Quarter | None:
-        """The quarter that guesses (frames, n, 3) are the images of, where nothing is interpolated.
+        """The quarter that guesses (..., n, 3) are the images of, where nothing is interpolated.
 
         They are where a path of the quarter led to them.
         """
@@ -369,10 +371,10 @@ class Inflation:
         quarter = quarter_of(membrane)
         if quarter is None:
             return None
-        apart = float(np.abs(quarter.whole(guesses[:, quarter.kept]) - guesses).max())
+        apart = float(np.abs(quarter.whole(guesses[..., quarter.kept, :]) - guesses).max())
         return quarter if apart <= _ROUNDING * self.radius else None
 
-    def _guesses(
+    def _starts(
         self,
         membrane: Membrane,
         given: Description,
@@ -381,10 +383,10 @@ class Inflation:
         *,
         within: bool,
     ) -> tuple[Floats, int]:
-        """Displacements (frames, n, 3) near balance, from a path, and its factorisations.
+        """Displacements (3, frames, n, 3) to begin from, and their path's factorisations.
 
         Without interpolation it is the path of dense output, which is asked for beside the shapes;
-        else a rough one.
+        else a rough one. First what it has at a frame's pressure, then its levels below and above.
         """
         if self.setup.interpolation == "none":
             path = self.path(given, values, sensitivities=False)
@@ -399,11 +401,13 @@ class Inflation:
                 beyond_ellipticity=not within,
             )
         low, high = path.pressure[0], path.pressure[-1]
-        guess = np.array([path(min(max(p, low), high))[0] for p in pressure])
+        between = np.array([path(min(max(p, low), high))[0] for p in pressure])
+        above = np.searchsorted(path.pressure, pressure).clip(1, len(path.pressure) - 1)
+        starts = np.stack([between, path.displacement[above - 1], path.displacement[above]])
         if given.edge is not None:
             # what the rim does fades towards the centre
-            guess += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
-        return guess, path.factorisations
+            starts += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
+        return starts, path.factorisations
 
 
 def at_rest(loads: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -432,7 +436,7 @@ def _faded(mesh: Mesh) -> Floats:
 def _by_quarter(
     membrane: Membrane,
     quarter: Quarter,
-    guess: Floats,
+    starts: Floats,
     pressure: float,
     stiffness: Floats,
     values: dict[str, float],
@@ -441,9 +445,8 @@ def _by_quarter(
     reached: float,
 ) -> tuple[Floats, bool, int, int]:
     """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
-    balance = _solved(
-        quarter.even, guess[quarter.kept], pressure, stiffness, values, loose=loose, reached=reached
-    )
+    own = starts[:, quarter.kept]
+    balance = _solved(quarter.even, own, pressure, stiffness, values, loose=loose, reached=reached)
     stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
     whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
     if wrinkled:
@@ -453,7 +456,7 @@ def _by_quarter(
 
 def _solved(
     membrane: Membrane,
-    guess: Floats,
+    starts: Floats,
     pressure: float,
     stiffness: Floats,
     values: dict[str, float],
@@ -463,24 +466,39 @@ def _solved(
 ) -> Equilibrium:
     """Balance one frame; raises SolveError, which says up to which pressure others are balanced.
 
+    From the first of the displacements (k, n, 3) that leads there. A path's dense output may be far
+    off where its levels are a descent apart, while each of these is a balanced shape.
+    """
+    failed = None
+    for start in starts:
+        try:
+            return _nearest(membrane, start, pressure, stiffness, loose=loose)
+        except NewtonError as error:
+            failed = failed or error
+    assert failed is not None
+    reason = f"no equilibrium near the last shape: {failed.reason}"
+    raise _unsolved(
+        reason, pressure, reached, values, failed.iteration, failed.residual_norm, failed.cause
+    ) from failed
+
+
+def _nearest(
+    membrane: Membrane, start: Floats, pressure: float, stiffness: Floats, *, loose: bool
+) -> Equilibrium:
+    """Balance a shape (n, 3) mm along its branch, else by descent; raises NewtonError.
+
     Between the levels of a path of `loose` cloth folds come and go, and its dense output may be too
     far off for a search along the path: descent finds the shape, as it finds the levels. So it may
     be under a light pressure with what a neighbour's derivatives say. Where the law is not elliptic
     it would leap into bands of shear, so that what it finds there from a neighbour is none.
     """
     try:
-        try:
-            return solve(membrane, guess, float(pressure), stiffness, follow=True)
-        except NewtonError:
-            found = solve(membrane, guess, float(pressure), stiffness)
-            if loose or membrane.is_elliptic(found.displacement, stiffness):
-                return found
-            raise
-    except NewtonError as error:
-        reason = f"no equilibrium near the last shape: {error.reason}"
-        raise _unsolved(
-            reason, pressure, reached, values, error.iteration, error.residual_norm, error.cause
-        ) from error
+        return solve(membrane, start, float(pressure), stiffness, follow=True)
+    except NewtonError:
+        found = solve(membrane, start, float(pressure), stiffness)
+        if loose or membrane.is_elliptic(found.displacement, stiffness):
+            return found
+        raise
 
 
 def _unsolved(
