@@ -21,6 +21,9 @@ __all__ = ["Path"]
 
 Floats = NDArray[np.float64]
 
+#: Share of the highest pressure within which one is a level's: that is known by its cube root.
+_AT_LEVEL = 1e-12
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
@@ -43,8 +46,8 @@ class Path:
         True where the membrane lies flat without pressure, so that levels have mirror images.
     factorisations : int
         Spent on the whole path.
-    error_estimate : float, mm
-        Largest estimated error of the dense output.
+    errors : (levels - 1,) array, mm
+        Estimated error of the dense output halfway between two levels; inf where it is not known.
     wrinkled : (levels,) int array
         Gauss points in tension-field relaxation.
     stable : (levels,) bool array
@@ -60,9 +63,26 @@ class Path:
     sensitivity_slope: Floats | None
     mirrored: bool
     factorisations: int
-    error_estimate: float
+    errors: Floats
     wrinkled: NDArray[np.int64]
     stable: NDArray[np.bool_]
+
+    @property
+    def error_estimate(self) -> float:
+        """The largest of the errors, mm."""
+        return float(self.errors.max(initial=0.0))
+
+    def errors_at(self, pressure: Floats) -> Floats:
+        """Estimated error (k,) mm of the dense output at pressures (k,) MPa.
+
+        Of a level there is none, nor is any told below the first one.
+        """
+        after = np.searchsorted(self.pressure, pressure, side="right") - 1
+        apart = np.abs(pressure[:, None] - self.pressure).min(axis=1)
+        inside = (after >= 0) & (after < len(self.errors)) & (apart > _AT_LEVEL * self.pressure[-1])
+        out = np.zeros(len(after))
+        out[inside] = self.errors[after[inside]]
+        return out
 
     def __call__(self, pressure: ArrayLike) -> Floats:
         """Displacement (k, n, 3) mm at pressures (k,) MPa: the dense output."""

@@ -239,12 +239,12 @@ def _settled(asked: _Asked, leapt: Tracer, within: Traced) -> Traced:
         settle(tracer, s, shape, np.cbrt(asked.high))
     except StoppedError as stopped:
         return _ended(tracer, stopped, asked.shown)
-    return Traced(_path(tracer, np.inf))
+    return Traced(_path(tracer, _unknown(tracer)))
 
 
 def _ended(tracer: Tracer, stopped: StoppedError, shown: Mapping[str, float]) -> Traced:
     """The levels that were found, and why there are no more."""
-    path = _path(tracer, np.inf) if tracer.levels else None
+    path = _path(tracer, _unknown(tracer)) if tracer.levels else None
     return Traced(path, solve_error(stopped, shown), stopped.shape)
 
 
@@ -354,8 +354,8 @@ def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
         raise lost_at(tracer, low, 0.0) from banded
 
 
-def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
-    """Add levels up to s = `end`; returns the largest estimated error (mm) of the dense output."""
+def _climb(tracer: Tracer, end: float, *, leaps: bool) -> Floats:
+    """Add levels up to s = `end`; returns the errors (mm) of the dense output between them."""
     smallest, begun, aim = _SMALLEST_STEP * end, tracer.work, AIM * tracer.tolerance
     step = _first_step(tracer.membrane, tracer.stiffness)
     top = end * (1 - 1e-12)
@@ -384,8 +384,7 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> float:
         least = 1.0 if tracer.in_valley else 0.4
         step = gap * min(2.5 if share == 1.0 else 1.3, max(least, wanted))
         tracer.forget()
-    intervals = range(len(tracer.levels) - 1)
-    return max((tracer.error(after, aim) for after in intervals), default=0.0)
+    return np.array([tracer.error(after, aim) for after in range(len(tracer.levels) - 1)])
 
 
 def _least_step(tracer: Tracer, end: float) -> float:
@@ -400,7 +399,12 @@ def _first_step(membrane: Membrane, stiffness: Floats) -> float:
     return 0.08 * float(np.cbrt(scale))
 
 
-def _path(tracer: Tracer, worst: float) -> Path:
+def _unknown(tracer: Tracer) -> Floats:
+    """What is told of errors between levels that were not filled up."""
+    return np.full(max(0, len(tracer.levels) - 1), np.inf)
+
+
+def _path(tracer: Tracer, errors: Floats) -> Path:
     levels = tracer.levels
     pairs = [level.sensitivity for level in levels if level.sensitivity is not None]
     return Path(
@@ -413,7 +417,7 @@ def _path(tracer: Tracer, worst: float) -> Path:
         sensitivity_slope=np.array([slope for _, slope in pairs]) if pairs else None,
         mirrored=tracer.mirrored,
         factorisations=tracer.work,
-        error_estimate=worst,
+        errors=errors,
         wrinkled=np.array([level.wrinkled for level in levels]),
         stable=np.array([level.stable for level in levels]),
     )

@@ -92,6 +92,13 @@ class Description:
         moves = not (fabric.compliance is None and self.edge is None and self.eased is None)
         return not (uneven or moves or any(fabric.slack)) and along_axis(self.angle)
 
+    def in_frames(self, frames: NDArray[np.int64]) -> Description:
+        """The same in some of its frames alone, where neither rim nor clamp has its own in each."""
+        assert self.edge is None
+        assert self.eased is None
+        load = self.load
+        return replace(self, load=Load(load.recorded[frames], None, load.balanced[frames]))
+
     def lies_as(self, other: Description) -> bool:
         """Whether all but the law's parameters and the load is as in another one."""
         here, there = self.fabric, other.fabric

@@ -43,6 +43,11 @@ class Change:
         """∂(balanced pressure)/∂(the parameter), (frames,)."""
         return np.asarray((self.above.load.balanced - self.below.load.balanced) / self.span)
 
+    def in_frames(self, frames: NDArray[np.int64]) -> Change:
+        """The same in some of its frames alone (see `Description.in_frames`)."""
+        ends = (self.below.in_frames(frames), self.above.in_frames(frames))
+        return Change(*ends, self.span, self.thickening)
+
     @property
     def easing(self) -> Floats:
         """∂(what the clamp gives, mm per N/mm)/∂(the parameter), (frames,)."""

@@ -29,7 +29,7 @@ from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.model.softening import Kept, kept_by, lost_mode
 from bulgefit.parallel.threads import side_by_side
 
-__all__ = ["LEAST_PRESSURE", "Inflation", "Shapes", "at_rest"]
+__all__ = ["LEAST_PRESSURE", "Inflation", "Shapes", "about", "at_rest"]
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Shapes:
     factorisations : int
         Spent on them, a path that led there included.
     error : float, mm
-        Estimated error of the path's dense output; 0 where every frame was balanced.
+        Largest estimated error of the path's dense output; 0 where every frame was balanced.
     """
 
     values: dict[str, float]
@@ -259,7 +259,7 @@ class Inflation:
         given: Description,
         values: dict[str, float],
         changes: Mapping[str, Change],
-        guesses: Floats | None,
+        starts: Floats | None,
         threads: int,
         *,
         within: bool = False,
@@ -268,8 +268,8 @@ class Inflation:
 
         Parameters
         ----------
-        guesses : (frames, n, 3) array, mm, or None
-            Displacements near balance; default: those of a rough path.
+        starts : (k, frames, n, 3) array, mm, or None
+            Displacements near balance, the likeliest first; default: those of a rough path.
         within : bool
             That path goes no further than it is stable.
         """
@@ -278,11 +278,9 @@ class Inflation:
         rest = at_rest(loads)
         pressure = np.maximum(loads, LEAST_PRESSURE)
         work, loose = 0, False
-        if guesses is None:
+        if starts is None:
             starts, work = self._starts(membrane, given, pressure, values, within=within)
             loose = membrane.fabric.lies_loosely
-        else:
-            starts = guesses[None]
         starts[:, :, membrane.fixed] = 0.0
         if given.edge is not None:
             rim = self.mesh.rim
@@ -386,7 +384,7 @@ class Inflation:
         """Displacements (3, frames, n, 3) to begin from, and their path's factorisations.
 
         Without interpolation it is the path of dense output, which is asked for beside the shapes;
-        else a rough one. First what it has at a frame's pressure, then its levels below and above.
+        else a rough one.
         """
         if self.setup.interpolation == "none":
             path = self.path(given, values, sensitivities=False)
@@ -400,14 +398,18 @@ class Inflation:
                 parameters=values,
                 beyond_ellipticity=not within,
             )
-        low, high = path.pressure[0], path.pressure[-1]
-        between = np.array([path(min(max(p, low), high))[0] for p in pressure])
-        above = np.searchsorted(path.pressure, pressure).clip(1, len(path.pressure) - 1)
-        starts = np.stack([between, path.displacement[above - 1], path.displacement[above]])
+        starts = about(path, pressure)
         if given.edge is not None:
             # what the rim does fades towards the centre
             starts += np.einsum("fri,rn->fni", given.edge, _faded(self.mesh))
         return starts, path.factorisations
+
+
+def about(path: Path, pressure: Floats) -> Floats:
+    """A path's shapes (3, frames, n, 3) mm at pressures (frames,), and its levels about them."""
+    within = pressure.clip(path.pressure[0], path.pressure[-1])
+    above = np.searchsorted(path.pressure, within).clip(1, len(path.pressure) - 1)
+    return np.stack([path(within), path.displacement[above - 1], path.displacement[above]])
 
 
 def at_rest(loads: NDArray[np.floating]) -> NDArray[np.bool_]:

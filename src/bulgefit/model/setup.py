@@ -37,8 +37,8 @@ class Setup:
     evaluation : {"smooth", "shape", "rbf", "local-rbf"}
         Field evaluation at the measured points; see `bulgefit.model.observation`.
     interpolation : {"dense", "study", "none"}
-        In pressure: the path's dense output, linear between the study's 200 levels, or none: every
-        frame is balanced.
+        In pressure: the path's dense output, but for frames to which it does not come within the
+        tolerance, linear between the study's 200 levels, or none: every frame is balanced.
     tolerance : float, mm
         Of the dense output, for a radius of 100 mm.
     linear_solver : str or None

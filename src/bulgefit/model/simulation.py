@@ -221,7 +221,8 @@ def simulate(
         A material, or E1, E2, G12 (MPa) and nu12 of an orthotropic one.
     pressure : (k,) array_like, MPa
         In any order (1 bar = 0.1 MPa). Up to `BALANCED_UP_TO` of them are balanced one by one;
-        more are read off the dense output of the path, within `tolerance`.
+        more are read off the dense output of the path, within `tolerance`; where it does not come
+        as near, as beyond ellipticity, they are balanced, too.
     mesh : Mesh, optional
         By default bulgefit's own O-grid of the radius, `refine` times refined.
     refine : int

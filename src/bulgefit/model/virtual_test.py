@@ -34,6 +34,7 @@ from bulgefit.model.camera import (
     place,
     window_of,
 )
+from bulgefit.model.coarse import balanced_where_coarse
 from bulgefit.model.description import (
     CONSTANTS,
     Active,
@@ -163,11 +164,14 @@ class VirtualTest:
         straight = straight or not any(name in CONSTANTS for name in changes)
         along = self.setup.interpolation != "none"
         if along and here.is_plain and constant and same and straight:
-            return self.inflation.along_path(here, given, changes)
+            found = self.inflation.along_path(here, given, changes)
+            if self.setup.interpolation == "study":
+                return found
+            return balanced_where_coarse(self.inflation, found, here, changes, self.threads)
         if self.setup.interpolation == "study":
             raise InputError("the study's way knows no effects beside the moduli")
-        guesses = None if near is None else self._ahead(near, given)
-        return self.inflation.balanced(here, given, changes, guesses, self.threads, within=within)
+        starts = None if near is None else self._ahead(near, given)[None]
+        return self.inflation.balanced(here, given, changes, starts, self.threads, within=within)
 
     def lost_mode(self, shapes: Shapes, frame: int) -> Floats | None:
         """The mode (n, 3) in which the shape of a frame gives way; None where it does not."""
