@@ -7,6 +7,7 @@ import pytest
 
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import SolveError
+from bulgefit.fem.path import Path
 from bulgefit.model.coarse import balanced_where_coarse
 from bulgefit.model.inflation import Inflation
 from bulgefit.model.setup import Setup
@@ -26,7 +27,7 @@ def inflated(*pressures: float, interpolation: str = "dense") -> VirtualTest:
 
 
 def test_frames_between_levels_on_either_side_of_a_snap_are_balanced() -> None:
-    """The dense output is off by a tenth of a millimetre there, and its derivatives many times."""
+    """The dense output is off by 0.2 mm there, and its derivatives by many times themselves."""
     pressures = (0.02, 0.103, 0.11)
     dense, each = inflated(*pressures), inflated(*pressures, interpolation="none")
     found, balanced = dense.shapes(SOFT, MODULI), each.shapes(SOFT, MODULI)
@@ -38,7 +39,7 @@ def test_frames_between_levels_on_either_side_of_a_snap_are_balanced() -> None:
     far, rate = along.derivative["G12"][1], balanced.derivative["G12"][1]
     assert np.abs(far).max() > 10.0 * np.abs(rate).max()
     assert found.error < dense.setup.tolerance
-    np.testing.assert_allclose(found.displacement, balanced.displacement, atol=1e-6)
+    np.testing.assert_allclose(found.displacement, balanced.displacement, atol=1e-4)
     for name in MODULI:
         step = 1e-4 * SOFT[name]
         ends = (inflated(*pressures).shapes({**SOFT, name: SOFT[name] + k * step}) for k in (-1, 1))
@@ -61,11 +62,13 @@ def test_a_frame_is_not_told_by_an_error_that_is_not_known(monkeypatch: pytest.M
             "no step", pressure=0.1, reached=0.0, iteration=0, residual_norm=0.0, parameters={}
         )
 
-    dense = inflated(0.084, 0.11)
+    dense = inflated(0.103, 0.11)
     here, changes = dense._described(dense.given(SOFT), ())
     along = dense.inflation.along_path(here, dense.given(SOFT), changes)
-    assert along.error == np.inf
     monkeypatch.setattr(Inflation, "balanced", unbalanced)
+    kept = balanced_where_coarse(dense.inflation, along, here, changes, 1)
+    assert 1e-4 < kept.error < np.inf
+    monkeypatch.setattr(Path, "errors_at", lambda path, pressure: np.full(len(pressure), np.inf))
     with pytest.raises(SolveError, match="no step"):
         balanced_where_coarse(dense.inflation, along, here, changes, 1)
 

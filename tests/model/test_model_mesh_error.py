@@ -10,7 +10,7 @@ import pytest
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.dic.readers import read_test
 from bulgefit.fitting.fit import fit
-from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
+from bulgefit.model.mesh_error import correct_mesh, corrected, mesh_remainder
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
 
@@ -50,3 +50,22 @@ def test_a_fit_to_soft_shear_does_not_end_worse_than_its_starts(test_with_slip):
     found = fit(test_with_slip, starts=1, weight=0.1)
     assert found.stability.frames_beyond > 0
     assert found.value < 1.1 * min(d.best.value for d in found.descents)
+
+
+def test_what_other_meshes_do_not_have_alike_keeps_its_error():
+    """At 3 bar bands of shear have formed on the finer mesh, 11 mm from this one's shape."""
+    at = np.array([[0.0, 0.0, 0.0], [40.0, 10.0, 0.0]])
+    pressure = np.array([0.1, 0.2, 0.3])
+    test = BulgeTest.from_arrays(at, np.zeros((3, 2, 3)), pressure)
+    virtual = VirtualTest(test, Setup(refine=3))
+    soft = {"E1": 87.0, "E2": 247.0, "G12": 5.91, "axis_misalignment.angle": 27.0}
+    shapes = virtual.shapes(soft)
+    correct_mesh(virtual, shapes)
+    taken = np.abs(virtual.correction).max(axis=(1, 2))
+    assert shapes.stable.all()
+    assert (taken[:2] > 0.1).all()
+    assert taken[2] == 0.0
+    assert corrected(virtual, shapes).tolist() == [True, True, False]
+    given = virtual.description(soft)
+    membrane = virtual.inflation.membrane(given)
+    assert not membrane.is_elliptic(shapes.displacement[1], given.stiffness)

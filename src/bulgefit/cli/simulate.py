@@ -316,6 +316,7 @@ def _payload(
         "elliptic": result.elliptic,
         "wrinkled_points": result.wrinkled,
         "error_estimate_mm": result.error,
+        "mesh_corrected": result.mesh_corrected,
         "mesh_error_taken_off_mm": result.mesh_error_taken_off,
         "mesh_error_mm": result.mesh_error,
         "material": result.material.kind,
@@ -404,6 +405,12 @@ def _table(
         taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
         left = "what is left is not known" if error is None else f"{plain(1000 * error, 2)} µm left"
         lines.append(f"mesh: up to {taken} µm of its error taken off, {left}")
+    if result.mesh_corrected is not None and not result.mesh_corrected.all():
+        kept = [p for p, done in zip(pressures, result.mesh_corrected, strict=True) if not done]
+        lines.append(
+            f"mesh: its error stays in at {len(kept)} of {len(pressures)} pressures, the lowest of "
+            f"them {min(kept):g} bar:\nother meshes have no such shape there"
+        )
     if not result.elliptic.all():
         lost = [p for p, kept in zip(pressures, result.elliptic, strict=True) if not kept]
         lines.append(

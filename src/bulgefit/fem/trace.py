@@ -239,7 +239,7 @@ def _settled(asked: _Asked, leapt: Tracer, within: Traced) -> Traced:
         settle(tracer, s, shape, np.cbrt(asked.high))
     except StoppedError as stopped:
         return _ended(tracer, stopped, asked.shown)
-    return Traced(_path(tracer, _unknown(tracer)))
+    return Traced(_path(tracer, tracer.errors(0.0)))
 
 
 def _ended(tracer: Tracer, stopped: StoppedError, shown: Mapping[str, float]) -> Traced:
@@ -277,7 +277,7 @@ def _go_on(tracer: Tracer, begun: Sequence[tuple[float, Floats]]) -> bool:
     try:
         for p, shape in begun:
             tracer.solve(float(np.cbrt(p)), shape, follow=True, rough=True)
-            tracer.forget()
+            tracer.judge()
     except NewtonError as error:
         tracer.work += error.work
         tracer.levels.clear()
@@ -384,7 +384,7 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> Floats:
         least = 1.0 if tracer.in_valley else 0.4
         step = gap * min(2.5 if share == 1.0 else 1.3, max(least, wanted))
         tracer.forget()
-    return np.array([tracer.error(after, aim) for after in range(len(tracer.levels) - 1)])
+    return tracer.errors(aim)
 
 
 def _least_step(tracer: Tracer, end: float) -> float:

@@ -285,11 +285,11 @@ class Inflation:
         if given.edge is not None:
             rim = self.mesh.rim
             starts[:, :, rim] = np.where(membrane.fixed[rim], given.edge, starts[:, :, rim])
-        forces = Forces(membrane, given, changes, self.membrane)
+        quarter = self._mirrored(membrane, given, changes, starts)
+        part = membrane if quarter is None else quarter.even
+        forces = Forces(part, given, changes, self.membrane)
         # frame by frame into their places: they are hundreds of megabytes where fields are free
         fields = np.empty((len(changes), *starts.shape[1:]))
-        alike = not changes and given.edge is None and given.eased is None
-        quarter = self._mirrored(membrane, starts) if alike else None
 
         def one(frame: int) -> tuple[Floats, bool, int, int]:
             if rest[frame]:
@@ -297,28 +297,29 @@ class Inflation:
                 return np.zeros_like(starts[0, frame]), True, 0, 0
             # in the error of the first frame that fails: those before it are balanced
             reached = float(loads[:frame].max(initial=0.0))
-            if quarter is not None:
-                return _by_quarter(
-                    membrane, quarter, starts[:, frame], pressure[frame], given.stiffness, values,
-                    loose=loose, reached=reached,
-                )  # fmt: skip
+            start = starts[:, frame] if quarter is None else starts[:, frame, quarter.kept]
             known = None if self._found is None else self._found.get(frame)
-            if known is not None and known.serves(given, frame, starts[0, frame]):
+            if known is not None and known.serves(given, frame, start[0]):
                 balance = known.balance
             else:
                 balance = _solved(
-                    _of_frame(membrane, given, frame), starts[:, frame], pressure[frame],
+                    _of_frame(part, given, frame), start, pressure[frame],
                     given.stiffness, values, loose=loose, reached=reached,
                 )  # fmt: skip
             if self._found is not None:
-                self._found[frame] = _Found(given, starts[0, frame], balance)
+                self._found[frame] = _Found(given, start[0], balance)
             if changes:
+                rates = fields[:, frame] if quarter is None else fields[:, frame, quarter.kept]
                 try:
-                    forces.fields(balance, frame, fields[:, frame])
+                    forces.fields(balance, frame, rates)
                 except ArithmeticError as error:
                     # a law of large softening may have a wrinkled point that no stress balances
                     reason = f"the shape has no derivatives: {error}"
                     raise _unsolved(reason, pressure[frame], reached, values) from error
+                if quarter is not None:
+                    fields[:, frame] = quarter.whole(rates)
+            if quarter is not None:
+                return _whole(membrane, quarter, balance, given.stiffness)
             return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
 
         frames = side_by_side(one, range(len(pressure)), threads)
@@ -359,17 +360,24 @@ class Inflation:
             mode,
         )
 
-    def _mirrored(self, membrane: Membrane, guesses: Floats) -> Quarter | None:
-        """The quarter that guesses (..., n, 3) are the images of, where nothing is interpolated.
+    def _mirrored(
+        self,
+        membrane: Membrane,
+        given: Description,
+        changes: Mapping[str, Change],
+        starts: Floats,
+    ) -> Quarter | None:
+        """The quarter that starts (..., n, 3) are the images of, where all that changes keeps them.
 
         They are where a path of the quarter led to them.
         """
-        if self.setup.interpolation != "none":
+        moves = given.edge is not None or given.eased is not None
+        if moves or not all(change.of_law for change in changes.values()):
             return None
         quarter = quarter_of(membrane)
         if quarter is None:
             return None
-        apart = float(np.abs(quarter.whole(guesses[..., quarter.kept, :]) - guesses).max())
+        apart = float(np.abs(quarter.whole(starts[..., quarter.kept, :]) - starts).max())
         return quarter if apart <= _ROUNDING * self.radius else None
 
     def _starts(
@@ -435,24 +443,14 @@ def _faded(mesh: Mesh) -> Floats:
     return out
 
 
-def _by_quarter(
-    membrane: Membrane,
-    quarter: Quarter,
-    starts: Floats,
-    pressure: float,
-    stiffness: Floats,
-    values: dict[str, float],
-    *,
-    loose: bool,
-    reached: float,
+def _whole(
+    membrane: Membrane, quarter: Quarter, balance: Equilibrium, stiffness: Floats
 ) -> tuple[Floats, bool, int, int]:
     """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
-    own = starts[:, quarter.kept]
-    balance = _solved(quarter.even, own, pressure, stiffness, values, loose=loose, reached=reached)
-    stable = balance.stable and quarter.keeps(balance.displacement, float(pressure), stiffness)
+    stable = balance.stable and quarter.keeps(balance.displacement, balance.pressure, stiffness)
     whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
     if wrinkled:
-        wrinkled = membrane.state(whole, float(pressure), stiffness, tangent=False).wrinkled
+        wrinkled = membrane.state(whole, balance.pressure, stiffness, tangent=False).wrinkled
     return whole, stable, wrinkled, balance.factorisations + len(quarter.odd)
 
 

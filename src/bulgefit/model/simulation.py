@@ -24,7 +24,7 @@ from bulgefit.fem.trace import TOLERANCE
 from bulgefit.model.description import Description, checked
 from bulgefit.model.inflation import Inflation
 from bulgefit.model.mesh_error import correct_mesh as correct_mesh_of
-from bulgefit.model.mesh_error import mesh_remainder
+from bulgefit.model.mesh_error import corrected, mesh_remainder
 from bulgefit.model.parameters import Material, as_effects, as_values, material
 from bulgefit.model.setup import Setup
 from bulgefit.model.virtual_test import VirtualTest
@@ -64,6 +64,9 @@ class Simulation(Drawn):
         Spent on the shapes, those of other meshes left out.
     seconds : float, s
         Wall time of the solution, first compilation included.
+    mesh_corrected : (k,) bool array or None
+        Whether the mesh's error was taken off each shape: it stays in those that other meshes do
+        not have alike, as beyond ellipticity. None where it was not to be.
     mesh_error_taken_off, mesh_error : float or None, mm
         Largest change that took the mesh's error off, and largest of what is left of it; None
         where it was not taken off, or is not known.
@@ -82,6 +85,7 @@ class Simulation(Drawn):
     elliptic: NDArray[np.bool_]
     factorisations: int
     seconds: float
+    mesh_corrected: NDArray[np.bool_] | None
     mesh_error_taken_off: float | None
     mesh_error: float | None
     inflation: Inflation
@@ -135,6 +139,7 @@ class Simulation(Drawn):
             "stable": self.stable,
             "elliptic": self.elliptic.tolist(),
             "error_mm": self.error,
+            "mesh_corrected": None if self.mesh_corrected is None else self.mesh_corrected.tolist(),
             "mesh_error_mm": self.mesh_error,
         }
 
@@ -309,6 +314,7 @@ def _simulated(
         elliptic=np.array(elliptic),
         factorisations=shapes.factorisations,
         seconds=time.perf_counter() - began,
+        mesh_corrected=corrected(virtual, shapes) if virtual.setup.corrects_mesh else None,
         mesh_error_taken_off=None if correction is None else float(np.abs(correction).max()),
         mesh_error=None if left is None else float(np.abs(left).max()),
         inflation=virtual.inflation,

@@ -338,7 +338,7 @@ class Tracer:
         Newton's correction of the interpolated shape. The stiffness there lies between those of
         the two levels, so the estimate is the geometric mean of what their factors say. Where
         another level has changed the stencil, the shape's change is added to the error it had; if
-        that is `slight` (mm), it is not measured anew.
+        that is `slight` (mm), or no factor is left, it is not measured anew.
         """
         low, high = self.levels[after], self.levels[after + 1]
         middle = 0.5 * (low.s + high.s)
@@ -353,11 +353,11 @@ class Tracer:
         if known is not None:
             error = known.error + float(np.abs(shape - known.shape).max())
         if error > slight:
-            error = self._measured_error(after, middle, shape)
+            error = self._measured_error(after, middle, shape, otherwise=error)
         self._estimates[low.s, high.s] = _Estimate(knots, shape, error)
         return error
 
-    def _measured_error(self, after: int, s: float, shape: Floats) -> float:
+    def _measured_error(self, after: int, s: float, shape: Floats, *, otherwise: float) -> float:
         state = self.membrane.state(shape, s**3, self.stiffness, tangent=False)
         if not np.isfinite(state.potential):
             return np.inf
@@ -366,7 +366,19 @@ class Tracer:
             level.factor for level in self.levels[after : after + 2] if level.factor is not None
         ]
         sizes = [float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]]
+        if not sizes:
+            return otherwise
         return float(np.prod(sizes)) ** (1.0 / len(sizes))
+
+    def errors(self, slight: float) -> Floats:
+        """Errors (levels - 1,) mm of the dense output between the levels (see `error`)."""
+        return np.array([self.error(after, slight) for after in range(len(self.levels) - 1)])
+
+    def judge(self) -> None:
+        """Estimate the error below the newest level while there is a factor to do so by."""
+        if len(self.levels) > 1:
+            self.error(len(self.levels) - 2, 0.0)
+        self.forget()
 
     def forget(self) -> None:
         """Let go of the factors that no estimate needs any more."""

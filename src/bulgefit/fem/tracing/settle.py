@@ -23,8 +23,8 @@ def settle(tracer: Tracer, s: float, shape: Floats, end: float) -> None:
 
     Beyond the loss of ellipticity a soft shear modulus leaves many equilibria. The stable ones
     have bands as wide as a cell; they are equilibria all the same, and tell a search more than a
-    failure would. Nothing is claimed of the dense output between them. Where descent runs away
-    however short a step is, there is none: the pressure is beyond its limit.
+    failure would. The dense output between them may be far off. Where descent runs away however
+    short a step is, there is none: the pressure is beyond its limit.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def settle(tracer: Tracer, s: float, shape: Floats, end: float) -> None:
                 raise _stopped(error, s, above, shape) from error
             continue
         s, shape, step = above, tracer.levels[-1].displacement, min(2.0 * step, longest)
-        tracer.forget()
+        tracer.judge()
 
 
 def _stopped(error: NewtonError, s: float, above: float, shape: Floats) -> StoppedError:
