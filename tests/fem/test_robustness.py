@@ -174,6 +174,16 @@ def test_a_level_is_none_of_the_branch_where_the_tangent_has_turned(benchmark: M
     assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
 
 
+def test_no_step_leads_over_a_snap_that_is_small_beside_it(benchmark: ModuleType) -> None:
+    """The cloth snaps by 0.07 mm at 1.0973 bar, and the potential is convex on the straight way.
+
+    A thousand tangents on it are positive definite, and a loss was told at 1.342 bar.
+    """
+    membrane, stiffness, error = end_of(benchmark, 189, 9375)
+    assert error.reached == pytest.approx(0.109725, rel=1e-4)
+    assert not benchmark.doubts(membrane, stiffness, error, beyond=False)
+
+
 def test_a_search_ends_where_wrinkles_leave_no_more_than_noise(benchmark: ModuleType) -> None:
     """Corrections went on at 3e-6 mm, and a loss at rest was told of cloth that is stable.
 

@@ -197,9 +197,34 @@ def _in_one_valley(
     Where tangents are not alike shorter steps tell, which cost less than to look at both ways.
     """
     change = point.displacement - here.displacement
-    short = are_alike(change, *tangents) and is_over_kinks(change, *tangents)
+    if not (_is_like(here, point) and is_over_kinks(change, *tangents)):
+        return False
     low, high = (here.pressure, here.displacement), (point.pressure, point.displacement)
-    return short and tracer.is_convex(low, high, tangents)
+    return _leads_through(tracer, here, point, tangents) and tracer.is_convex(low, high, tangents)
+
+
+def _leads_through(
+    tracer: Tracer, here: Point, point: Point, tangents: tuple[Floats, Floats]
+) -> bool:
+    """Whether the point of the branch halfway between two in volume is as both tell.
+
+    A snap that is small beside the step has no ridge on the straight way. But before and behind it
+    tangents turn to the mode that it snaps by, over a longer way than its own.
+    """
+    pressure, volume = 0.5 * (here.pressure + point.pressure), 0.5 * (here.volume + point.volume)
+    halfway = 0.5 * (here.displacement + point.displacement) + 0.125 * (tangents[0] - tangents[1])
+    try:
+        middle = _from(tracer, halfway, pressure, volume, np.inf)
+    except NewtonError:
+        return False
+    rises = here.pressure < middle.pressure < point.pressure
+    return middle.stable and rises and _is_like(here, middle) and _is_like(middle, point)
+
+
+def _is_like(here: Point, point: Point) -> bool:
+    """Whether the tangents at two points differ by less than half of what lies between them."""
+    change, grown = point.displacement - here.displacement, point.volume - here.volume
+    return are_alike(change, grown * here.slope, grown * point.slope)
 
 
 def _may_fold(here: Point, point: Point) -> bool:
