@@ -64,6 +64,7 @@ WEIGHING = "gap/test_gap_weighing.py"
 FITS = "fitting/test_inverse_fit.py"
 FACE = "model/test_model_face.py"
 WARP = "model/test_model_warp.py"
+COARSE = "model/test_model_coarse.py"
 WINDOW = "model/test_model_window.py"
 CONSISTENCY = "fem/test_consistency.py"
 OBJECTIVE = "fitting/test_inverse_objective.py"
@@ -780,6 +781,32 @@ MUTANTS = (
         "_norm(state) <= 4.0 * stress",
         "_norm(state) <= 0.0 * stress",
         "fem/test_robustness.py",
+    ),
+    Mutant(
+        "fem/tracing/by_volume.py",
+        "and rises and _is_like(here, middle) and _is_like(middle, point)",
+        "and rises",
+        "fem/test_robustness.py",
+    ),
+    Mutant("fem/path.py", "out[inside] = self.errors", "out[inside] = 0.0 * self.errors", COARSE),
+    Mutant("model/coarse.py", "derivative[name][frame] = rate[0]", "pass", COARSE),
+    Mutant(
+        "model/inflation.py",
+        "fields[:, frame] = quarter.whole(rates)",
+        "fields[:, frame] = np.abs(quarter.whole(rates))",
+        COARSE,
+    ),
+    Mutant(
+        "model/inflation.py",
+        "for start in starts:",
+        "for start in starts[:1]:",
+        "model/test_model_neighbours.py",
+    ),
+    Mutant(
+        "model/richardson.py",
+        "left < whole",
+        "left > whole",
+        "model/test_model_mesh_error.py",
     ),
 )
 
