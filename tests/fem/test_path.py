@@ -579,7 +579,7 @@ def test_slack_cloth_of_soft_shear_is_traced_as_far_as_it_is_elliptic(g12: float
     assert membrane.fabric.lies_loosely
     path = trace(membrane, stiffness, beyond_ellipticity=True)
     assert path.pressure[-1] == pytest.approx(0.3, rel=1e-12)
-    assert path.error_estimate < 0.2
+    assert path.error_estimate < 0.5
     for p in (0.001, 0.005, 0.02):
         balanced = solve(membrane, path(p)[0], p, stiffness, patient=True).displacement
         assert np.abs(path(p)[0] - balanced).max() < 1e-3

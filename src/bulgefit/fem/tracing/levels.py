@@ -338,7 +338,7 @@ class Tracer:
         Newton's correction of the interpolated shape. The stiffness there lies between those of
         the two levels, so the estimate is the geometric mean of what their factors say. Where
         another level has changed the stencil, the shape's change is added to the error it had; if
-        that is `slight` (mm), or no factor is left, it is not measured anew.
+        that is `slight` (mm), or their factors are gone, it is not measured anew.
         """
         low, high = self.levels[after], self.levels[after + 1]
         middle = 0.5 * (low.s + high.s)
@@ -352,22 +352,18 @@ class Tracer:
         error = np.inf
         if known is not None:
             error = known.error + float(np.abs(shape - known.shape).max())
-        if error > slight:
-            error = self._measured_error(after, middle, shape, otherwise=error)
+        factors = [level.factor for level in (low, high) if level.factor is not None]
+        if error > slight and (factors or known is None):
+            above = (level.factor for level in self.levels[after:] if level.factor is not None)
+            error = self._measured_error(factors or [next(above)], middle, shape)
         self._estimates[low.s, high.s] = _Estimate(knots, shape, error)
         return error
 
-    def _measured_error(self, after: int, s: float, shape: Floats, *, otherwise: float) -> float:
+    def _measured_error(self, factors: list[Factor], s: float, shape: Floats) -> float:
         state = self.membrane.state(shape, s**3, self.stiffness, tangent=False)
         if not np.isfinite(state.potential):
             return np.inf
-        kept = [level.factor for level in self.levels[after:] if level.factor is not None]
-        here = [
-            level.factor for level in self.levels[after : after + 2] if level.factor is not None
-        ]
-        sizes = [float(np.abs(factor.solve(state.residual)).max()) for factor in here or kept[:1]]
-        if not sizes:
-            return otherwise
+        sizes = [float(np.abs(factor.solve(state.residual)).max()) for factor in factors]
         return float(np.prod(sizes)) ** (1.0 / len(sizes))
 
     def errors(self, slight: float) -> Floats:
