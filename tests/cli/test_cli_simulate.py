@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -564,3 +565,14 @@ def test_bands_of_shear_are_warned_of_where_the_law_is_not_elliptic(law, ellipti
     assert run(*words) == 0
     warning = "not elliptic at 1 of 2 pressures, the lowest of them 0.73 bar"
     assert (warning in capsys.readouterr().out) is not all(elliptic)
+
+
+def test_shapes_beside_a_singular_point_are_told_to_be_coarse(capsys):
+    """Of a path that is unstable; 1.02552 bar lies beside a point where its tangent is singular."""
+    soft = ["--E1", 30.1, "--E2", 119.74, "--G12", 0.66, "--nu12", 0.24, "--refine", 3]
+    few = ",".join(f"{p:.4g}" for p in np.linspace(0.1, 0.5, 20))
+    assert run(*soft, "--keep-mesh-error", "--pressure", f"{few},1.02552,1.1") == 0
+    told = capsys.readouterr().out
+    assert re.search(r"shapes may be off by \d+ µm: .* singular point", told)
+    assert run(*soft, "--keep-mesh-error", "--pressure", few + ",0.55") == 0
+    assert "singular point" not in capsys.readouterr().out

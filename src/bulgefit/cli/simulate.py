@@ -401,6 +401,12 @@ def _table(
         for p, apex, w in zip(pressures, result.apex, result.wrinkled, strict=True)
     ]
     lines.append(f"{result.factorisations} factorisations, {result.seconds:.2f} s")
+    if result.error > result.tolerance:
+        off = plain(1000 * result.error, 2)
+        lines.append(
+            f"shapes may be off by {off} µm: where the path has a singular point no balanced one "
+            "was found near by"
+        )
     if result.mesh_error_taken_off is not None:
         taken, error = plain(1000 * result.mesh_error_taken_off, 2), result.mesh_error
         left = "what is left is not known" if error is None else f"{plain(1000 * error, 2)} µm left"

@@ -53,6 +53,8 @@ class Simulation(Drawn):
     error : float, mm
         Estimated error of the displacements against the exact solution on this mesh; 0 where
         every shape was balanced.
+    tolerance : float, mm
+        What it was to be at most; beside a singular point there may be no balanced shape near by.
     wrinkled : (k,) int array
         Gauss points (4 a cell) without tension in some direction.
     stable : bool
@@ -80,6 +82,7 @@ class Simulation(Drawn):
     pressure: Floats
     displacement: Floats
     error: float
+    tolerance: float
     wrinkled: NDArray[np.int64]
     stable: bool
     elliptic: NDArray[np.bool_]
@@ -309,6 +312,7 @@ def _simulated(
         pressure=virtual.recorded,
         displacement=displacement if correction is None else displacement + correction,
         error=shapes.error,
+        tolerance=virtual.setup.tolerance * virtual.inflation.radius / 100.0,
         wrinkled=np.array(wrinkled),
         stable=bool(shapes.stable.all()),
         elliptic=np.array(elliptic),
