@@ -456,7 +456,7 @@ MUTANTS = (
     ),
     Mutant("model/softening.py", "up - 2.0 * here + down", "up - here", WEIGHING),
     Mutant(
-        "model/inflation.py",
+        "model/frame.py",
         "if loose or membrane",
         "if True or membrane",
         WEIGHING,
@@ -797,7 +797,7 @@ MUTANTS = (
         COARSE,
     ),
     Mutant(
-        "model/inflation.py",
+        "model/frame.py",
         "for start in starts:",
         "for start in starts[:1]:",
         "model/test_model_neighbours.py",

@@ -38,10 +38,10 @@ def test_what_is_not_named_stands_at_its_null(
     there_and_back: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The start is off by second order alone: no frame needs more than one factorisation."""
-    from bulgefit.model import inflation
+    from bulgefit.model import frame
 
     virtual, spent = plain(), []
-    solve = inflation.solve
+    solve = frame.solve
 
     def counted(*args, **more):  # type: ignore[no-untyped-def]
         found = solve(*args, **more)
@@ -51,7 +51,7 @@ def test_what_is_not_named_stands_at_its_null(
     here = {**MODULI, "prestrain.slack_x": 2e-5, **(MOVED if there_and_back else {})}
     there = {**MODULI, **({"prestrain.slack_x": 2e-5} if there_and_back else MOVED)}
     near = virtual.shapes(here, NAMES)
-    monkeypatch.setattr(inflation, "solve", counted)
+    monkeypatch.setattr(frame, "solve", counted)
     found = virtual.shapes(there, near=near)
     assert spent == [1, 1]
     afresh = virtual.shapes(there)
@@ -62,10 +62,10 @@ def test_a_shape_is_found_once_whatever_it_is_differentiated_by(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """From all sides of a lift that is none: to the last bit as it is found each time."""
-    from bulgefit.model import inflation
+    from bulgefit.model import frame
 
     virtual, solved = plain(), []
-    solve = inflation.solve
+    solve = frame.solve
 
     def counted(*args, **more):  # type: ignore[no-untyped-def]
         solved.append(args[2])
@@ -74,7 +74,7 @@ def test_a_shape_is_found_once_whatever_it_is_differentiated_by(
     near = virtual.shapes({**MODULI, "prestrain.slack_x": 2e-5})
     sides = [{**near.values, "rim_lift.direction": angle} for angle in (0.0, 90.0, 180.0)]
     each = [virtual.shapes(side, ["rim_lift.amplitude"], near) for side in sides]
-    monkeypatch.setattr(inflation, "solve", counted)
+    monkeypatch.setattr(frame, "solve", counted)
     with virtual.inflation.remembering():
         found = [virtual.shapes(side, ["rim_lift.amplitude"], near) for side in sides]
         assert solved == [0.1, 0.2]
@@ -107,16 +107,16 @@ def test_a_frame_without_balance_says_how_far_others_are(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of two frames at 1 and 2 bar the second fails."""
-    from bulgefit.model import inflation
+    from bulgefit.model import frame
 
-    solve = inflation.solve
+    solve = frame.solve
 
     def no_more(membrane, guess, pressure, *args, **more):  # type: ignore[no-untyped-def]
         if pressure > 0.15:
             raise NewtonError("no step makes progress", 7, 0.5, 9)
         return solve(membrane, guess, pressure, *args, **more)
 
-    monkeypatch.setattr(inflation, "solve", no_more)
+    monkeypatch.setattr(frame, "solve", no_more)
     with pytest.raises(SolveError, match="equilibrium was reached up to 1 bar;") as caught:
         plain().shapes({**MODULI, "prestrain.slack_x": 2e-5})
     assert (caught.value.pressure, caught.value.reached) == (0.2, 0.1)

@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.dic.bulge_test import BulgeTest
-from bulgefit.errors import Cause, InputError, SolveError
+from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
-from bulgefit.fem.equilibrium import Equilibrium, NewtonError, solve
+from bulgefit.fem.equilibrium import Equilibrium
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import Quarter, quarter_of, trace_by_quarter
 from bulgefit.model.description import CONSTANTS, Description
 from bulgefit.model.forces import Change, Forces
+from bulgefit.model.frame import solved, unsolved
 from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.model.softening import Kept, kept_by, lost_mode
 from bulgefit.parallel.threads import side_by_side
@@ -302,7 +303,7 @@ class Inflation:
             if known is not None and known.serves(given, frame, start[0]):
                 balance = known.balance
             else:
-                balance = _solved(
+                balance = solved(
                     _of_frame(part, given, frame), start, pressure[frame],
                     given.stiffness, values, loose=loose, reached=reached,
                 )  # fmt: skip
@@ -315,7 +316,7 @@ class Inflation:
                 except ArithmeticError as error:
                     # a law of large softening may have a wrinkled point that no stress balances
                     reason = f"the shape has no derivatives: {error}"
-                    raise _unsolved(reason, pressure[frame], reached, values) from error
+                    raise unsolved(reason, pressure[frame], reached, values) from error
                 if quarter is not None:
                     fields[:, frame] = quarter.whole(rates)
             if quarter is not None:
@@ -452,70 +453,3 @@ def _whole(
     if wrinkled:
         wrinkled = membrane.state(whole, balance.pressure, stiffness, tangent=False).wrinkled
     return whole, stable, wrinkled, balance.factorisations + len(quarter.odd)
-
-
-def _solved(
-    membrane: Membrane,
-    starts: Floats,
-    pressure: float,
-    stiffness: Floats,
-    values: dict[str, float],
-    *,
-    loose: bool,
-    reached: float,
-) -> Equilibrium:
-    """Balance one frame; raises SolveError, which says up to which pressure others are balanced.
-
-    From the first of the displacements (k, n, 3) that leads there. A path's dense output may be far
-    off where its levels are a descent apart, while each of these is a balanced shape.
-    """
-    failed = None
-    for start in starts:
-        try:
-            return _nearest(membrane, start, pressure, stiffness, loose=loose)
-        except NewtonError as error:
-            failed = failed or error
-    assert failed is not None
-    reason = f"no equilibrium near the last shape: {failed.reason}"
-    raise _unsolved(
-        reason, pressure, reached, values, failed.iteration, failed.residual_norm, failed.cause
-    ) from failed
-
-
-def _nearest(
-    membrane: Membrane, start: Floats, pressure: float, stiffness: Floats, *, loose: bool
-) -> Equilibrium:
-    """Balance a shape (n, 3) mm along its branch, else by descent; raises NewtonError.
-
-    Between the levels of a path of `loose` cloth folds come and go, and its dense output may be too
-    far off for a search along the path: descent finds the shape, as it finds the levels. So it may
-    be under a light pressure with what a neighbour's derivatives say. Where the law is not elliptic
-    it would leap into bands of shear, so that what it finds there from a neighbour is none.
-    """
-    try:
-        return solve(membrane, start, float(pressure), stiffness, follow=True)
-    except NewtonError:
-        found = solve(membrane, start, float(pressure), stiffness)
-        if loose or membrane.is_elliptic(found.displacement, stiffness):
-            return found
-        raise
-
-
-def _unsolved(
-    reason: str,
-    pressure: float,
-    reached: float,
-    values: dict[str, float],
-    iteration: int = 0,
-    residual_norm: float = 0.0,
-    cause: Cause = Cause.NOT_CONVERGED,
-) -> SolveError:
-    return SolveError(
-        reason,
-        cause=cause,
-        pressure=float(pressure),
-        reached=reached,
-        iteration=iteration,
-        residual_norm=residual_norm,
-        parameters=values,
-    )
