@@ -803,6 +803,13 @@ MUTANTS = (
         "model/test_model_neighbours.py",
     ),
     Mutant(
+        "fem/tracing/levels.py",
+        "exact=self.sensitivities or convex",
+        "exact=self.sensitivities",
+        "fem/test_robustness.py",
+    ),
+    Mutant("fem/relaxation.py", "if slight or at[0]", "if at[0]", "fem/test_robustness.py"),
+    Mutant(
         "model/richardson.py",
         "left < whole",
         "left > whole",

@@ -237,7 +237,7 @@ class Tracer:
         try:
             balance = solve(
                 self.membrane, guess, s**3, self.stiffness,
-                thrifty=True, follow=follow, exact=self.sensitivities, patient=patient,
+                thrifty=True, follow=follow, exact=self.sensitivities or convex, patient=patient,
                 convex=convex, within=within,
             )  # fmt: skip
         except NewtonError as error:
