@@ -808,7 +808,6 @@ MUTANTS = (
         "exact=self.sensitivities",
         "fem/test_robustness.py",
     ),
-    Mutant("fem/relaxation.py", "if slight or at[0]", "if at[0]", "fem/test_robustness.py"),
     Mutant(
         "model/richardson.py",
         "left < whole",

@@ -211,11 +211,9 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2, at):
         for _ in range(30):
             b1, b2 = a1 + step * d1, a2 + step * d2
             at = law.response(c11 + b1 * b1, c22 + b2 * b2, c12 + b1 * b2, q)
-            # strains carry a rounding error of 1e-16, and the energy with them and of its own: of
-            # a step that frees less than that it tells nothing
+            # strains carry a rounding error of 1e-16, and the energy with them and of its own
             rounding = 1e-16 * math.sqrt(scale * abs(energy)) + 1e-15 * abs(energy)
-            slight = shift == 0.0 and -slope <= rounding
-            if slight or at[0] <= energy + 1e-4 * step * slope + rounding:
+            if at[0] <= energy + 1e-4 * step * slope + rounding:
                 break
             step *= 0.5
         a1, a2 = b1, b2
