@@ -77,3 +77,16 @@ def test_a_path_within_its_tolerance_is_read_off(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(Inflation, "balanced", None)
     found = inflated(0.0, 0.02, 0.1).shapes({"E1": 330.0, "E2": 240.0, "G12": 30.0}, MODULI)
     assert 0.0 < found.error < 1e-4
+
+
+def test_what_couples_shear_to_stretch_is_differentiated_off_the_mirrors() -> None:
+    """Shapes mirror where it is absent; what it does to them is odd in both mirrors."""
+    virtual = inflated(0.1, 0.2)
+    stiff = {"E1": 330.0, "E2": 240.0, "G12": 30.0}
+    names = ("coupling_field.c_x", "coupling_field.c_y")
+    found = virtual.shapes(stiff, names)
+    for name in names:
+        ends = (virtual.shapes({**stiff, name: k * 1e-3}).displacement for k in (-1, 1))
+        below, above = ends
+        rate = (above - below) / 2e-3
+        np.testing.assert_allclose(found.derivative[name], rate, atol=1e-4 * np.abs(rate).max())

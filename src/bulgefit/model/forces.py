@@ -63,6 +63,11 @@ class Change:
         """Whether nothing but the law's parameters and the load changes."""
         return self.thickening is None and self.below.lies_as(self.above)
 
+    @property
+    def mirrors(self) -> bool:
+        """Whether the law couples no shear to stretch at either end: so shapes keep to mirrors."""
+        return not any(any(end.fabric.coupling) for end in (self.below, self.above))
+
 
 class Forces:
     """∂u/∂(parameters) at a balance: back-substitutions of ∂R/∂(parameters) at fixed displacement.

@@ -373,7 +373,7 @@ class Inflation:
         They are where a path of the quarter led to them.
         """
         moves = given.edge is not None or given.eased is not None
-        if moves or not all(change.of_law for change in changes.values()):
+        if moves or not all(change.of_law and change.mirrors for change in changes.values()):
             return None
         quarter = quarter_of(membrane)
         if quarter is None:
