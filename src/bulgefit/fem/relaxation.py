@@ -215,6 +215,10 @@ def _wrinkle(c11, c22, c12, q, law, a1, a2, at):
             rounding = 1e-16 * math.sqrt(scale * abs(energy)) + 1e-15 * abs(energy)
             if at[0] <= energy + 1e-4 * step * slope + rounding:
                 break
+            # a step that frees no more is judged by the slopes at its ends (Hager and Zhang, 2005)
+            end = d1 * (at[1] * b1 + at[3] * b2) + d2 * (at[3] * b1 + at[2] * b2)
+            if -slope <= rounding and abs(end) <= -slope:
+                break
             step *= 0.5
         a1, a2 = b1, b2
         if step * math.sqrt(d1 * d1 + d2 * d2) <= 1e-12 * norm_a:

@@ -285,7 +285,7 @@ def _go_on(tracer: Tracer, begun: Sequence[tuple[float, Floats]]) -> bool:
 
 
 def _start(tracer: Tracer, low: float, high: float) -> None:
-    """Balance the lowest level.
+    """Balance the lowest level, or one below it.
 
     Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
     shape, the shape at a pressure that draws it taut leads down to it.
@@ -309,10 +309,13 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
 def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
     """Balance the lowest level from a pressure that draws it taut; False where none leads to it.
 
+    One that still has the bands of shear that were come to where it is taut is none: they may lie
+    in many ways there. Whether patience ends in such bands or nowhere may hang by last digits.
+
     Raises
     ------
     StoppedError
-        Where that is past the loss of ellipticity, or pressures are from which none leads to it.
+        Where all that is found has bands.
     """
     membrane, stiffness = tracer.membrane, tracer.stiffness
     lost = False
@@ -320,19 +323,25 @@ def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
         pressures = low**3 * factor ** np.linspace(1.0, 0.0, 4)
         if pressures[0] > high**3:
             break
-        shape = flat_guess(membrane, pressures[0], stiffness)
+        shape, banded = flat_guess(membrane, pressures[0], stiffness), False
         try:
             for p in pressures[:-1]:
                 balance = solve(membrane, shape, p, stiffness, patient=True)
                 tracer.work += balance.factorisations
                 shape = balance.displacement
-                lost |= tracer.elliptic and balance.leapt and not tracer.is_elliptic(shape)
+                leapt = tracer.elliptic and (banded or balance.leapt)
+                banded = leapt and not tracer.is_elliptic(shape)
             tracer.solve(low, shape, follow=False)
-            return True
-        except BandedError as banded:
-            raise lost_at(tracer, low, 0.0) from banded
+        except BandedError:
+            lost = True
         except NewtonError as again:
             tracer.work += again.work
+            lost |= banded
+        else:
+            if not banded or tracer.is_elliptic(tracer.levels[-1].displacement):
+                return True
+            tracer.levels.clear()
+            lost = True
     if lost:
         raise lost_at(tracer, low, 0.0)
     return False
