@@ -814,6 +814,13 @@ MUTANTS = (
         "left > whole",
         "model/test_model_mesh_error.py",
     ),
+    Mutant(
+        "fem/relaxation.py",
+        "-slope <= rounding and abs(end)",
+        "-slope <= 0.0 * rounding and abs(end)",
+        "fem/test_robustness.py",
+    ),
+    Mutant("fem/trace.py", "not banded or tracer", "banded or tracer", "fem/test_robustness.py"),
 )
 
 
