@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -42,5 +43,6 @@ def stay(folder: Folder, item: int) -> float:
 
 
 if __name__ == "__main__":
+    signal.alarm(300)  # it outlives a test that is killed itself, but not for ever
     with open_executor(3, processes=True) as pool:
         spread(pool, stay, Folder(sys.argv[1]), range(3))
