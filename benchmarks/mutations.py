@@ -722,7 +722,7 @@ MUTANTS = (
     ),
     Mutant(
         "fem/tracing/levels.py",
-        "for k in range(1, 16))",
+        "for k in range(1, _LOOKS))",
         "for k in range(1, 1))",
         "fem/test_robustness.py",
     ),

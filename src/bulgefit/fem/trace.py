@@ -380,8 +380,8 @@ def _climb(tracer: Tracer, end: float, *, leaps: bool) -> Floats:
             share = advance(tracer, step, end)
         if tracer.elliptic:
             check_ellipticity(tracer, ended=False)
-        if len(tracer.levels) <= _MANY and tracer.work - begun <= _SMOOTH:
-            fill(tracer, _CLOSEST * end, (_MANY, _MOST))
+        if len(tracer.levels) <= _MANY:
+            fill(tracer, _CLOSEST * end, (_MANY, _MOST), begun + _SMOOTH)
         if tracer.elliptic:  # what was put between others may not be sound either
             check_ellipticity(tracer, ended=tracer.levels[-1].s >= top)
         error = tracer.error(len(tracer.levels) - 2, aim)

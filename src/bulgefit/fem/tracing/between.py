@@ -18,8 +18,10 @@ Floats = NDArray[np.float64]
 AIM, _SURE = 0.1, 0.8
 
 
-def fill(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
+def fill(tracer: Tracer, closest: float, most: tuple[int, int], affordable: int) -> None:
     """Put levels in between until the dense output is within tolerance, or there are so many.
+
+    Or until more factorisations than are `affordable` were spent on the path.
 
     Levels that descent has to find are those of cloth that lies loosely, where halving a step gains
     little: of these there are no more than the first of `most`, which leaves some for the rest. The
@@ -35,7 +37,9 @@ def fill(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
         done = error <= _SURE * tracer.tolerance or high - low < closest or low in singular
         return 0.0 if done else error
 
-    while tracer.wasted <= PATIENCE and len(tracer.levels) < most[not tracer.between_by_descent]:
+    while tracer.wasted <= PATIENCE and tracer.work <= affordable:
+        if len(tracer.levels) >= most[not tracer.between_by_descent]:
+            break
         errors = [lacking(after) for after in range(lowest, len(tracer.levels) - 1)]
         if not max(errors) > 0.0:
             break

@@ -30,7 +30,8 @@ _APART = 0.25
 _POLE = 0.1
 #: Where on the way between two shapes the potential is looked at, as shares of it: a snap that is
 #: an eighth of a step has a ridge over a thirteenth of the way.
-_BETWEEN = tuple(k / 16 for k in range(1, 16))
+_LOOKS = 16
+_BETWEEN = tuple(k / _LOOKS for k in range(1, _LOOKS))
 _TINY = np.finfo(float).tiny
 
 
@@ -83,6 +84,16 @@ def is_over_kinks(change: Floats, before: Floats, after: Floats) -> bool:
     is worth off, at most. A leap that is in none of the tangents leaves about itself.
     """
     return 2.0 * _left(change, before, after) <= float(np.abs(before - after).max())
+
+
+def is_leapless(change: Floats, before: Floats, after: Floats) -> bool:
+    """Whether tangents at both ends leave less for a leap than lies between two looks at the way.
+
+    Whatever part of a change (n, 3) is as either of them says, a leap is the rest, so that it is no
+    greater than what the worse one is off by.
+    """
+    off = max(np.abs(change - before).max(), np.abs(change - after).max())
+    return bool(_LOOKS * off <= np.abs(change).max())
 
 
 def are_alike(change: Floats, before: Floats, after: Floats) -> bool:
@@ -156,9 +167,12 @@ class Tracer:
         Stable shapes on either side of a snap have a ridge between them, on which a tangent is not
         positive definite. Over kinks of one branch, however many, all are. The straight way may
         lead round a ridge, as may that of the ends' `tangents` (each by all that lies between):
-        where these are not alike, both are looked at.
+        where these are not alike, both are looked at; where they leave nothing that could be seen
+        between two looks, neither is.
         """
         change = high[1] - low[1]
+        if is_leapless(change, *tangents):
+            return True
         looks = [(share, low[1] + share * change) for share in _BETWEEN]
         if not are_alike(change, *tangents):
             way = CubicHermiteSpline((0.0, 1.0), (low[1], high[1]), tangents)
