@@ -821,6 +821,13 @@ MUTANTS = (
         "fem/test_robustness.py",
     ),
     Mutant("fem/trace.py", "not banded or tracer", "banded or tracer", "fem/test_robustness.py"),
+    Mutant("fem/tracing/levels.py", "_LOOKS * off <=", "_LOOKS * off >=", "fem/test_robustness.py"),
+    Mutant(
+        "fem/tracing/between.py",
+        " and tracer.work <= affordable",
+        "",
+        "fem/test_robustness.py",
+    ),
 )
 
 

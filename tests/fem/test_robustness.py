@@ -21,6 +21,7 @@ from bulgefit.fem.relaxation import BALANCED, WRINKLED, point_response
 from bulgefit.fem.sensitivity import slope_in_pressure
 from bulgefit.fem.trace import _start_taut, trace, traced
 from bulgefit.fem.tracing import advance, by_volume, sound
+from bulgefit.fem.tracing.between import fill
 from bulgefit.fem.tracing.ends import StoppedError
 from bulgefit.fem.tracing.levels import BandedError, Tracer
 from bulgefit.fem.tracing.sound import check_ellipticity
@@ -273,7 +274,7 @@ def test_a_level_that_is_put_between_others_is_looked_at(
     membrane, stiffness = case.membrane(), orthotropic_stiffness(*case.moduli, case.nu12)
     spoilt = list[float]()
 
-    def filled(tracer: Tracer, closest: float, most: tuple[int, int]) -> None:
+    def filled(tracer: Tracer, *_: object) -> None:
         if tracer.levels[-1].s ** 3 > 0.0659 and not spoilt:
             tracer.levels[-2].stable = False
             spoilt.append(tracer.levels[-2].s ** 3)
@@ -283,6 +284,41 @@ def test_a_level_that_is_put_between_others_is_looked_at(
     assert spoilt
     assert path.stable.all()
     assert path.pressure[-1] == pytest.approx(0.066, rel=1e-9)
+
+
+def _between_levels() -> tuple[Tracer, tuple[float, np.ndarray], tuple[float, np.ndarray]]:
+    """A path of two levels, at 1 and 2 bar, and their pressures (MPa) and shapes."""
+    membrane = Membrane(disc(100.0, 2), 0.81)
+    stiffness = orthotropic_stiffness(330.0, 240.0, 30.0, 0.24)
+    tracer = Tracer(membrane, stiffness, 1e-3, sensitivities=False, elliptic=True)
+    shape = flat_guess(membrane, 0.1, stiffness)
+    for p in (0.1, 0.2):
+        tracer.solve(float(np.cbrt(p)), shape, follow=False)
+        shape = tracer.levels[-1].displacement
+    low, high = tracer.levels
+    return tracer, (0.1, low.displacement), (0.2, high.displacement)
+
+
+@pytest.mark.parametrize(("off", "looks"), [(0.06, 0), (0.065, 15)])
+def test_no_look_is_taken_where_tangents_leave_no_snap_that_it_would_see(
+    off: float, looks: int
+) -> None:
+    """Looks are a sixteenth of the way apart; the worse tangent bounds what a snap may be."""
+    tracer, low, high = _between_levels()
+    change, before = high[1] - low[1], tracer.work
+    for tangents in ((change, (1.0 + off) * change), ((1.0 - off) * change, change)):
+        assert tracer.is_convex(low, high, tangents)
+    assert tracer.work - before == 2 * looks
+
+
+def test_levels_are_put_between_others_only_as_far_as_that_is_affordable() -> None:
+    tracer, *_ = _between_levels()
+    tracer.tolerance = 1e-6
+    for affordable, levels in ((tracer.work - 1, 2), (tracer.work, 3)):
+        fill(tracer, 0.0, (15, 30), affordable)
+        assert len(tracer.levels) == levels
+    fill(tracer, 0.0, (15, 30), tracer.work + 1000)
+    assert tracer.errors(0.0).max() <= tracer.tolerance
 
 
 def test_a_kink_is_no_fold(benchmark: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -309,13 +345,13 @@ def test_between_shapes_on_either_side_of_a_snap_no_valley_leads(benchmark: Modu
         change = found.displacement - below[1]
         assert np.abs(change).max() > 2.0
         assert found.leapt is leapt
-        assert not tracer.is_convex(below, (p, found.displacement), (change, change))
+        assert not tracer.is_convex(below, (p, found.displacement), (change, 0.8 * change))
     with pytest.raises(NewtonError, match="not positive definite"):
         solve(membrane, below[1], 0.1412, stiffness, convex=True)
     before = solve(membrane, path(0.135)[0], 0.135, stiffness, follow=True).displacement
     change = below[1] - before
     assert np.abs(change).max() > 2.0
-    assert tracer.is_convex((0.135, before), below, (change, change))
+    assert tracer.is_convex((0.135, before), below, (change, 0.8 * change))
 
 
 @pytest.mark.parametrize(
