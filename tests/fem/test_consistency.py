@@ -234,6 +234,28 @@ def test_wrinkles_are_found_to_the_last_digits(law: str, kind: str) -> None:
     assert wrinkled > 0.2 * number
 
 
+#: Laws, C, and D11, D22, D12 and D33 (MPa) of points whose energy is greater than their stiffness.
+DRAWN_FAR = [
+    ("hencky", (0.06755603057998187, 12.329949831882319, 0.709309695709399),
+     (985.6130857493471, 3234.212235853422, 981.1920137564457, 123.55956684900819)),
+    ("hencky", (0.06274159634027829, 5.963142551455882, -0.6037440543987529),
+     (237.6213363801066, 3255.147631058672, 283.427399732582, 5.644422900728313)),
+    ("svk", (17.08592802468091, 14.410631895996982, 11.941705519594011),
+     (65.42233062953335, 276.2254161560588, 60.84099731573011, 266.8390948265518)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("law", "c", "stiffness"), DRAWN_FAR)
+def test_wrinkles_of_cloth_drawn_far_are_found_to_the_last_digits(
+    law: str, c: tuple[float, ...], stiffness: tuple[float, ...]
+) -> None:
+    """Their energy carries a rounding error of its own, greater than that of their strain."""
+    out = np.empty(10)
+    assert point_response(*c, (*stiffness, *STRAIGHT, *NO_CURVES), LAWS[law], True, out) == WRINKLED
+    low = np.linalg.eigvalsh([[out[1], out[3]], [out[3], out[2]]])[0]
+    assert abs(low) <= 1e-11 * (stiffness[0] + stiffness[1])
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_transitions_are_continuous(law: str) -> None:
     """Energy and stress along lines from taut through wrinkled to slack have no jump."""
