@@ -942,12 +942,16 @@ def test_beyond_ellipticity_lie_stable_shapes(e1: float, e2: float, g12: float) 
     assert (np.diff(volumes) > 0.0).all()
 
 
-def test_beyond_ellipticity_a_limit_is_told() -> None:
-    """Leaps ended at 1.7 bar by a tangent that was nearly singular, which is no answer."""
+@pytest.mark.parametrize("high", [0.3, 1e7])
+def test_beyond_ellipticity_a_limit_is_told(high: float) -> None:
+    """Leaps ended at 1.7 bar by a tangent that was nearly singular, which is no answer.
+
+    Steps that were halved down to a share of the range told it at 40 bar where that was 1e8.
+    """
     membrane = Membrane(disc(), 0.81)
     stiffness = orthotropic_stiffness(220.63, 50.23, 3.93, 0.24)
     with pytest.raises(SolveError) as caught:
-        trace(membrane, stiffness, beyond_ellipticity=True)
+        trace(membrane, stiffness, (1e-4, high), beyond_ellipticity=True)
     limit = caught.value
     assert limit.cause is Cause.LIMIT_PRESSURE
     assert limit.reached < limit.pressure < 1.02 * limit.reached
@@ -955,6 +959,27 @@ def test_beyond_ellipticity_a_limit_is_told() -> None:
     assert below.stable.all()
     with pytest.raises(RunAwayError):
         solve(membrane, below.displacement[-1], 1.02 * limit.pressure, stiffness, patient=True)
+
+
+def test_a_law_that_stiffens_has_no_limit() -> None:
+    """Svk's force grows as the cube of the stretch, and that of pressure as its square."""
+    membrane = Membrane(disc(100.0, 2), 0.81, "svk")
+    stiffness = orthotropic_stiffness(300.0, 200.0, 10.0, 0.24)
+    with pytest.raises(SolveError, match="runs away, beyond 10 radii") as caught:
+        trace(membrane, stiffness, (1e-4, 900.0), beyond_ellipticity=True)
+    assert caught.value.cause is Cause.NOT_CONVERGED
+
+
+def test_a_limit_below_the_lowest_pressure_is_told() -> None:
+    """The same cloth has it at the same share of E t/a, from wherever its path begins."""
+    limits = []
+    for thickness in (0.81, 8.1e-5):
+        membrane = Membrane(disc(100.0, 2), thickness)
+        with pytest.raises(SolveError) as caught:
+            trace(membrane, orthotropic_stiffness(300.0, 200.0, 80.0, 0.24), (1e-3, 10.0))
+        assert caught.value.cause is Cause.LIMIT_PRESSURE
+        limits.append(caught.value.pressure / thickness)
+    assert limits[1] == pytest.approx(limits[0], rel=1e-4)
 
 
 def test_a_branch_lies_between_its_tangents_over_a_kink() -> None:

@@ -202,7 +202,8 @@ def solve(
         before = displacement
         displacement, state, correction = search.step(displacement, state, factor, iteration)
         if np.abs(displacement).max() > RUN_AWAY * membrane.radius:
-            raise RunAwayError("the shape runs away", iteration, _norm(state), search.work)
+            reason = f"the shape runs away, beyond {RUN_AWAY:g} radii"
+            raise RunAwayError(reason, iteration, _norm(state), search.work)
         step = float(np.abs(displacement - before).max())
         ahead = float(np.abs(correction).max())
         enough = RENEWED_ABOVE * unit

@@ -43,6 +43,9 @@ _MANY, _MOST = 15, 30
 _SMOOTH = 6 * _MANY
 #: The lowest pressure over the one that is tried where cloth is past its loss of ellipticity there.
 _LOWER = 100.0
+#: The pressure that is tried where nothing balances the lowest one, which may lie beyond the limit
+#: pressure of soft cloth, over E t/a, at about which cloth strains by one.
+_LIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +291,8 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     """Balance the lowest level, or one below it.
 
     Uneven or slack cloth lies loosely under a light pressure. Where patience does not find its
-    shape, the shape at a pressure that draws it taut leads down to it.
+    shape, the shape at a pressure that draws it taut leads down to it. Soft cloth may have none
+    there, but at a pressure that is light for it.
 
     Raises
     ------
@@ -302,7 +306,7 @@ def _start(tracer: Tracer, low: float, high: float) -> None:
     except BandedError as banded:
         _start_lower(tracer, low, banded)
     except NewtonError:
-        if not _start_taut(tracer, low, high):
+        if not (_start_taut(tracer, low, high) or _start_light(tracer, low)):
             raise
 
 
@@ -345,6 +349,19 @@ def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
     if lost:
         raise lost_at(tracer, low, 0.0)
     return False
+
+
+def _start_light(tracer: Tracer, low: float) -> bool:
+    """Balance a level at a pressure that strains no cloth by much; False: that is no lower."""
+    p = _LIGHT * _scale(tracer.membrane, tracer.stiffness)
+    if p >= low**3:
+        return False
+    try:
+        guess = flat_guess(tracer.membrane, p, tracer.stiffness)
+        tracer.solve(float(np.cbrt(p)), guess, follow=False, patient=True)
+    except NewtonError:
+        return False
+    return True
 
 
 def _start_lower(tracer: Tracer, low: float, banded: BandedError) -> None:
@@ -403,9 +420,13 @@ def _least_step(tracer: Tracer, end: float) -> float:
 
 
 def _first_step(membrane: Membrane, stiffness: Floats) -> float:
-    """A step in s that is small against (E t/a)^(1/3), the scale on which shapes change."""
-    scale = 0.5 * (stiffness[0] + stiffness[1]) * membrane.thickness / membrane.radius
-    return 0.08 * float(np.cbrt(scale))
+    """A step in s that is small against that of the scale on which shapes change."""
+    return 0.08 * float(np.cbrt(_scale(membrane, stiffness)))
+
+
+def _scale(membrane: Membrane, stiffness: Floats) -> float:
+    """E t/a, MPa: the pressure at about which cloth strains by one."""
+    return float(0.5 * (stiffness[0] + stiffness[1])) * membrane.thickness / membrane.radius
 
 
 def _unknown(tracer: Tracer) -> Floats:

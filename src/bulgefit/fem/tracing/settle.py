@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bulgefit.errors import Cause
-from bulgefit.fem.equilibrium import NewtonError, RunAwayError
+from bulgefit.fem.equilibrium import RUN_AWAY, NewtonError, RunAwayError
 from bulgefit.fem.tracing.ends import StoppedError
 from bulgefit.fem.tracing.levels import Tracer
 
@@ -16,6 +16,11 @@ Floats = NDArray[np.float64]
 
 #: Levels over the rest of the range, and the least of their steps, over the longest.
 _SETTLED, _LEAST = 6, 0.01
+#: How closely an end is told, relative in s, where the range goes far beyond it.
+_CLOSELY = 1e-3
+#: Share of what counts as run away that a shape so close below must not have, if it leaps: a law
+#: that stiffens has larger and larger ones, and no limit.
+_LEAP = 0.5
 
 
 def settle(tracer: Tracer, s: float, shape: Floats, end: float) -> None:
@@ -38,16 +43,19 @@ def settle(tracer: Tracer, s: float, shape: Floats, end: float) -> None:
             tracer.solve(above, shape, follow=False, patient=True)
         except NewtonError as error:
             step *= 0.5
-            if step < _LEAST * longest:
-                raise _stopped(error, s, above, shape) from error
+            if step < min(_LEAST * longest, _CLOSELY * s):
+                raise _stopped(tracer, error, s, above, shape) from error
             continue
         s, shape, step = above, tracer.levels[-1].displacement, min(2.0 * step, longest)
         tracer.judge()
 
 
-def _stopped(error: NewtonError, s: float, above: float, shape: Floats) -> StoppedError:
+def _stopped(
+    tracer: Tracer, error: NewtonError, s: float, above: float, shape: Floats
+) -> StoppedError:
     """What is said where there is a shape at s, and none was found above."""
-    if isinstance(error, RunAwayError):
+    size = float(np.abs(shape).max()) / tracer.membrane.radius
+    if isinstance(error, RunAwayError) and size < _LEAP * RUN_AWAY:
         cause = Cause.LIMIT_PRESSURE
         return StoppedError(cause.value, cause, above, s, error, shape)
     return StoppedError(error.reason, error.cause, above, s, error, shape)
