@@ -23,6 +23,8 @@ EDGES = {
     "depth_scale.scale_z": (-1.0, -0.999, "must be above -1"),
     "nonlinear_material.s_x": (-1.0, -0.999, "must be above -1"),
     "nonlinear_material.knee_y": (0.0, 1e-6, "must be above 0"),
+    "clamp_shape.radius_error": (-1.0, -0.999, "must be above -1"),
+    "clamp_shape.ellipticity": (-1.0, -0.999, "must be above -1"),
     "specimen_factor.warp": (0.0, 1e-6, "must be above 0"),
     "pressure_offset.offset": (np.nan, -1.0, "must be finite"),
 }
@@ -54,3 +56,23 @@ def test_a_simulation_refuses_it() -> None:
     given = {"E1": 300.0, "E2": 250.0, "G12": 5.0, "nu12": 0.24}
     with pytest.raises(InputError, match=r"^effects: clamp_slip\.compliance must be 0 or more"):
         simulate(given, 0.1, effects={"clamp_slip.compliance": -0.5})
+
+
+@pytest.mark.parametrize(
+    ("name", "beyond", "within"),
+    [
+        ("clamp_shape.ellipticity", 1.0, 0.9),
+        # p (1 + f), f = c rⁿ cos nφ, has the area (1 + f)(1 + (n + 1) f) dA
+        ("clamp_lobes.c3", 0.3, 0.24),
+        ("rim_field.s4", -0.25, -0.19),
+    ],
+)
+def test_an_opening_that_folds_over_itself_is_refused(
+    name: str, beyond: float, within: float
+) -> None:
+    """Cells that were turned over made apexes that went down with pressure."""
+    given = {"E1": 300.0, "E2": 250.0, "G12": 50.0, "nu12": 0.24}
+    effect = name.partition(".")[0]
+    with pytest.raises(InputError, match=f"folds over itself: let {effect} be smaller"):
+        simulate(given, 0.01, effects={name: beyond})
+    assert simulate(given, 0.01, effects={name: within}).apex[0] > 0.0

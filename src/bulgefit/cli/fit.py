@@ -181,7 +181,7 @@ def _cross_lines(table: dict[str, dict[str, float | None]]) -> str:
     rows = ["mm".ljust(28) + "".join(f"{h:>10}" for h in heads)]
     rows += [
         name.ljust(28)
-        + "".join(f"{'-' if v is None else format(v, '.4f'):>10}" for v in values.values())
+        + "".join(f" {'-' if v is None else format(v, '.4f'):>9}" for v in values.values())
         for name, values in table.items()
     ]
     return "\n".join(rows)

@@ -26,6 +26,7 @@ class ClampShape(Effect):
         prior=0.01,
         reason="an opening turned on a lathe and measured with a rule is right within 1 %",
         step=1e-5,
+        above=-1.0,
     )
     of_rig = True
 

@@ -236,7 +236,7 @@ class FitResult(Drawn, Tabled):
         lines += [
             f"{p.name:<{names}}"
             + "".join(
-                f"{'-':>10}" if v is None else f"{v:>10.4f}"
+                f" {'-':>9}" if v is None else f" {v:>9.4f}"
                 for v in (p.dx, p.dy, p.dz, p.e, p.e_w, p.e_z)
             )
             for p in self.tests

@@ -225,7 +225,7 @@ def describe(
     Raises
     ------
     InputError
-        Constants that are not admissible.
+        Constants that are not admissible, or a clamp's opening that is bent too far.
     """
     changed = set(hooks)
 
@@ -238,6 +238,7 @@ def describe(
         surface = there.fabric.surface
     else:
         surface = surface_of(mesh.nodes / scale, active, scale)
+        _require_unfolded(mesh, surface, active)
     if there := kept("load", "clamp"):
         edge, eased, compliance = there.edge, there.eased, there.fabric.compliance
     else:
@@ -281,6 +282,19 @@ def surface_of(unit: Floats, active: Active, scale: Floats | float) -> Floats | 
             outline = effect.outline(own, outline)
             height = height + effect.height(own, unit)
     return np.column_stack([outline * scale, height]) if bent else None
+
+
+def _require_unfolded(mesh: Mesh, surface: Floats | None, active: Active) -> None:
+    """Refuse outlines that turn cells over or leave them no area; InputError."""
+    if surface is None:
+        return
+    corners = surface[mesh.cells, :2]
+    ahead = np.roll(corners, -1, axis=1) - corners
+    behind = np.roll(ahead, 1, axis=1)
+    turned = behind[..., 0] * ahead[..., 1] - behind[..., 1] * ahead[..., 0]
+    if not (turned > 0.0).all():
+        bent = ", ".join(effect.id for effect, _ in active if effect.uses("outline"))
+        raise InputError(f"the clamp's opening folds over itself: let {bent} be smaller")
 
 
 def _clamped(

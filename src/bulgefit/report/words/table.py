@@ -28,7 +28,7 @@ def table(record: Record) -> str:
         lines += _wrapped(evidence_words(cause))
     lines += ["", f"{'gap (mm; chi in noise)':<26}" + "".join(f"{c:>9}" for c in GAP_COLUMNS)]
     lines += [
-        f"{label:<26}" + "".join(f"{gap[c]:>9.4f}" for c in GAP_COLUMNS)
+        f"{label:<26}" + "".join(f" {gap[c]:>8.4f}" for c in GAP_COLUMNS)
         for label, gap in gap_rows(record)
     ]
     lines += _wrapped(held_out_words(record))
