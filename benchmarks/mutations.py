@@ -563,7 +563,7 @@ MUTANTS = (
         "fem/test_robustness.py",
     ),
     Mutant(
-        "model/inflation.py",
+        "model/balancing.py",
         "and np.array_equal(self.guess, guess)",
         "or np.array_equal(self.guess, guess)",
         "model/test_model_neighbours.py",
@@ -675,7 +675,7 @@ MUTANTS = (
     Mutant("fitting/uncertainty.py", "max(min(ends), _least(problem.keys[j]))", "min(ends)", FEW),
     Mutant("fitting/bootstrap.py", 'np.argsort(pressure, kind="stable")[ranks]', "ranks", FEW),
     Mutant("model/description.py", "value != parameter_named(", "value == parameter_named(", FEW),
-    Mutant("model/inflation.py", "loads <= _CANCELLED *", "loads <= 0.0 *", FEW),
+    Mutant("model/balancing.py", "loads <= _CANCELLED *", "loads <= 0.0 *", FEW),
     Mutant("dic/formats/csv_folder.py", "values[:, i] *= factor", "values[:, i] /= factor", TOLD),
     Mutant("dic/align.py", "rim.centre) <= rim.centre_error", "rim.centre) < 0.0", ALIGN),
     Mutant(
@@ -791,9 +791,9 @@ MUTANTS = (
     Mutant("fem/path.py", "out[inside] = self.errors", "out[inside] = 0.0 * self.errors", COARSE),
     Mutant("model/coarse.py", "derivative[name][frame] = rate[0]", "pass", COARSE),
     Mutant(
-        "model/inflation.py",
-        "fields[:, frame] = quarter.whole(rates)",
-        "fields[:, frame] = np.abs(quarter.whole(rates))",
+        "model/balancing.py",
+        "derivative[:, frame] = self.quarter.whole(rates)",
+        "derivative[:, frame] = np.abs(self.quarter.whole(rates))",
         COARSE,
     ),
     Mutant(

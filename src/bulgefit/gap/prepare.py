@@ -18,7 +18,8 @@ from bulgefit.gap.bands import first_with_bands
 from bulgefit.gap.data import Data
 from bulgefit.gap.regress import Regression, regress
 from bulgefit.gap.specimen import Specimen
-from bulgefit.model.inflation import Shapes, at_rest
+from bulgefit.model.balancing import at_rest
+from bulgefit.model.inflation import Shapes
 from bulgefit.model.mesh_error import correct_mesh, mesh_remainder
 
 __all__ = [

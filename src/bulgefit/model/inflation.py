@@ -18,28 +18,23 @@ from numpy.typing import NDArray
 from bulgefit.dic.bulge_test import BulgeTest
 from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness_derivative
-from bulgefit.fem.equilibrium import Equilibrium
 from bulgefit.fem.membrane import Membrane
 from bulgefit.fem.mesh import Mesh, ellipse
 from bulgefit.fem.path import Path
 from bulgefit.fem.quarter import Quarter, quarter_of, trace_by_quarter
+from bulgefit.model.balancing import LEAST_PRESSURE, Found, Frames, at_rest, of_frame
 from bulgefit.model.description import CONSTANTS, Description
 from bulgefit.model.forces import Change, Forces
-from bulgefit.model.frame import solved, unsolved
 from bulgefit.model.setup import STUDY_LEVELS, Setup
 from bulgefit.model.softening import Kept, kept_by, lost_mode
 from bulgefit.parallel.threads import side_by_side
 
-__all__ = ["LEAST_PRESSURE", "Inflation", "Shapes", "about", "at_rest"]
+__all__ = ["Inflation", "Shapes", "about"]
 
 Floats = NDArray[np.float64]
 
 #: Paths start here (MPa) or at a tenth of the highest pressure; symmetry covers the rest to zero.
 LIGHT_PRESSURE = 1e-4
-#: Frames with pressure are balanced at this (MPa) or more; one without shows the fabric at rest.
-LEAST_PRESSURE = 1e-6
-#: Part of the highest pressure that is left of a gauge's readings where they cancel, by rounding.
-_CANCELLED = 1e-12
 #: Share of the radius by which rounding sets mirror images apart.
 _ROUNDING = 1e-12
 
@@ -74,24 +69,6 @@ class Shapes:
     error: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What was found of a frame of a description, from a guess (n, 3)."""
-
-    given: Description
-    guess: Floats
-    balance: Equilibrium
-
-    def serves(self, given: Description, frame: int, guess: Floats) -> bool:
-        """Whether the same would be found, to the last bit, of another description and guess."""
-        return (
-            self.given.law_parameters == given.law_parameters
-            and self.given.lies_as(given)
-            and self.given.load.balanced[frame] == given.load.balanced[frame]
-            and np.array_equal(self.guess, guess)
-        )
-
-
 @dataclass(eq=False)
 class Inflation:
     """The membranes of one clamp radius and thickness; tests that are alike may share it.
@@ -114,7 +91,7 @@ class Inflation:
     mesh: Mesh = field(init=False)
     _like: dict[bool, Membrane] = field(init=False, default_factory=dict, repr=False)
     _path: tuple[object, Description, Path] | None = field(init=False, default=None, repr=False)
-    _found: dict[int, _Found] | None = field(init=False, default=None, repr=False)
+    _found: dict[int, Found] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.mesh = self.setup.mesh or ellipse(self.radius, self.ellipticity, self.setup.refine)
@@ -275,9 +252,7 @@ class Inflation:
             That path goes no further than it is stable.
         """
         membrane = self.membrane(given)
-        loads = np.asarray(given.load.balanced, dtype=float)
-        rest = at_rest(loads)
-        pressure = np.maximum(loads, LEAST_PRESSURE)
+        pressure = np.maximum(np.asarray(given.load.balanced, dtype=float), LEAST_PRESSURE)
         work, loose = 0, False
         if starts is None:
             starts, work = self._starts(membrane, given, pressure, values, within=within)
@@ -288,55 +263,25 @@ class Inflation:
             starts[:, :, rim] = np.where(membrane.fixed[rim], given.edge, starts[:, :, rim])
         quarter = self._mirrored(membrane, given, changes, starts)
         part = membrane if quarter is None else quarter.even
-        forces = Forces(part, given, changes, self.membrane)
+        forces = Forces(part, given, changes, self.membrane) if changes else None
         # frame by frame into their places: they are hundreds of megabytes where fields are free
-        fields = np.empty((len(changes), *starts.shape[1:]))
-
-        def one(frame: int) -> tuple[Floats, bool, int, int]:
-            if rest[frame]:
-                fields[:, frame] = 0.0
-                return np.zeros_like(starts[0, frame]), True, 0, 0
-            # in the error of the first frame that fails: those before it are balanced
-            reached = float(loads[:frame].max(initial=0.0))
-            start = starts[:, frame] if quarter is None else starts[:, frame, quarter.kept]
-            known = None if self._found is None else self._found.get(frame)
-            if known is not None and known.serves(given, frame, start[0]):
-                balance = known.balance
-            else:
-                balance = solved(
-                    _of_frame(part, given, frame), start, pressure[frame],
-                    given.stiffness, values, loose=loose, reached=reached,
-                )  # fmt: skip
-            if self._found is not None:
-                self._found[frame] = _Found(given, start[0], balance)
-            if changes:
-                rates = fields[:, frame] if quarter is None else fields[:, frame, quarter.kept]
-                try:
-                    forces.fields(balance, frame, rates)
-                except ArithmeticError as error:
-                    # a law of large softening may have a wrinkled point that no stress balances
-                    reason = f"the shape has no derivatives: {error}"
-                    raise unsolved(reason, pressure[frame], reached, values) from error
-                if quarter is not None:
-                    fields[:, frame] = quarter.whole(rates)
-            if quarter is not None:
-                return _whole(membrane, quarter, balance, given.stiffness)
-            return balance.displacement, balance.stable, balance.wrinkled, balance.factorisations
-
-        frames = side_by_side(one, range(len(pressure)), threads)
-        shapes, stable, wrinkled, spent = zip(*frames, strict=True)
+        derivative = np.empty((len(changes), *starts.shape[1:]))
+        each = Frames(
+            given, values, membrane, quarter, forces, starts, derivative, loose, self._found
+        )
+        found = side_by_side(each.balanced, range(len(pressure)), threads)
         return Shapes(
             values,
-            np.array(shapes),
-            dict(zip(changes, fields, strict=True)),
-            np.array(stable),
-            np.array(wrinkled) / (4.0 * len(self.mesh.cells)),
-            factorisations=work + sum(spent),
+            np.array([frame.displacement for frame in found]),
+            dict(zip(changes, derivative, strict=True)),
+            np.array([frame.stable for frame in found]),
+            np.array([frame.wrinkled for frame in found]) / (4.0 * len(self.mesh.cells)),
+            factorisations=work + sum(frame.factorisations for frame in found),
         )
 
     def lost_mode(self, given: Description, shapes: Shapes, frame: int) -> Floats | None:
         """The mode (n, 3) in which the shape of a frame gives way; None where it does not."""
-        own = _of_frame(self.membrane(given), given, frame)
+        own = of_frame(self.membrane(given), given, frame)
         pressure = max(float(given.load.balanced[frame]), LEAST_PRESSURE)
         return lost_mode(own, shapes.displacement[frame], pressure, given.stiffness)
 
@@ -351,7 +296,7 @@ class Inflation:
         """What keeps the shape of a frame from a mode (n, 3), by parameters of its derivatives."""
         membrane = self.membrane(given)
         return kept_by(
-            _of_frame(membrane, given, frame),
+            of_frame(membrane, given, frame),
             Forces(membrane, given, changes, self.membrane),
             shapes.displacement[frame],
             max(float(given.load.balanced[frame]), LEAST_PRESSURE),
@@ -421,17 +366,6 @@ def about(path: Path, pressure: Floats) -> Floats:
     return np.stack([path(within), path.displacement[above - 1], path.displacement[above]])
 
 
-def at_rest(loads: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Frames (k,) that no pressure inflates, of loads (k,) in MPa."""
-    return np.asarray(loads <= _CANCELLED * max(float(loads.max(initial=0.0)), 0.0))
-
-
-def _of_frame(membrane: Membrane, given: Description, frame: int) -> Membrane:
-    """The membrane in its clamp as that gives, and is moved, in a frame."""
-    own = membrane if given.eased is None else membrane.eased(float(given.eased[frame]))
-    return own if given.edge is None else own.pulled_at(given.edge[frame, :, :2])
-
-
 def _faded(mesh: Mesh) -> Floats:
     """Weights (rim, n) that carry the rim's motion inwards, as (r/a)⁴ of the nearest rim nodes."""
     rim = mesh.nodes[mesh.rim]
@@ -442,14 +376,3 @@ def _faded(mesh: Mesh) -> Floats:
     out = np.zeros((len(rim), len(mesh.nodes)))
     out[nearest, np.arange(len(mesh.nodes))] = radius**4
     return out
-
-
-def _whole(
-    membrane: Membrane, quarter: Quarter, balance: Equilibrium, stiffness: Floats
-) -> tuple[Floats, bool, int, int]:
-    """Displacement, whether stable, points in relaxation and factorisations of a mirrored frame."""
-    stable = balance.stable and quarter.keeps(balance.displacement, balance.pressure, stiffness)
-    whole, wrinkled = quarter.whole(balance.displacement), balance.wrinkled
-    if wrinkled:
-        wrinkled = membrane.state(whole, balance.pressure, stiffness, tangent=False).wrinkled
-    return whole, stable, wrinkled, balance.factorisations + len(quarter.odd)

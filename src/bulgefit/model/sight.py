@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from bulgefit.effects.places import Scene
 from bulgefit.effects.registry import acts_through, effect_named, own_values
+from bulgefit.model.balancing import LEAST_PRESSURE
 from bulgefit.model.camera import Passage, Places, face_of, scene_of, window_of
 from bulgefit.model.description import Active, Values, active_effects, with_value
-from bulgefit.model.inflation import LEAST_PRESSURE, Shapes
+from bulgefit.model.inflation import Shapes
 from bulgefit.model.observation import Operators, applied
 
 if TYPE_CHECKING:
