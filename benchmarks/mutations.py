@@ -828,6 +828,15 @@ MUTANTS = (
         "",
         "fem/test_robustness.py",
     ),
+    Mutant("fem/tracing/settle.py", "_CLOSELY = 1e-3", "_CLOSELY = 1.0", "fem/test_path.py"),
+    Mutant("fem/tracing/settle.py", "_LEAP = 0.5", "_LEAP = 5.0", "fem/test_path.py"),
+    Mutant("fem/trace.py", "_LIGHT = 1e-3", "_LIGHT = 1e3", "fem/test_path.py"),
+    Mutant(
+        "model/description.py",
+        "(turned > 0.0).all()",
+        "(turned > 0.0).any()",
+        "effects/test_effects_values.py",
+    ),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,13 @@ def test_a_shape_is_found_once_whatever_it_is_differentiated_by(
             np.testing.assert_array_equal(by["rim_lift.amplitude"], otherwise["rim_lift.amplitude"])
         virtual.shapes({**sides[0], "E1": 321.0}, near=near)
         assert len(solved) == 4
+        # from the very guess, of another cloth
+        stiffer = {**sides[0], "E1": 322.0}
+        virtual.shapes(stiffer, near=replace(near, values=stiffer))
+        virtual.shapes(sides[0], near=near)
+        assert len(solved) == 8
     virtual.shapes(sides[0], near=near)
-    assert len(solved) == 6
+    assert len(solved) == 10
 
 
 def test_a_shape_without_derivatives_is_an_error_with_its_state(
