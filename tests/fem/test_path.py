@@ -868,6 +868,13 @@ def test_pressures_out_of_order(pressure: tuple[float, float]) -> None:
         trace(Membrane(disc(100.0, 1), 0.81), orthotropic_stiffness(*CONSTANTS), pressure)
 
 
+@pytest.mark.parametrize("tolerance", [0.0, -1e-3, np.nan])
+def test_a_tolerance_that_none_meets_is_refused(tolerance: float) -> None:
+    membrane, stiffness = Membrane(disc(100.0, 1), 0.81), orthotropic_stiffness(*CONSTANTS)
+    with pytest.raises(InputError, match="tolerance must be above 0 mm"):
+        trace(membrane, stiffness, tolerance=tolerance)
+
+
 def test_pressure_outside_the_path() -> None:
     path = trace(Membrane(disc(100.0, 1), 0.81), orthotropic_stiffness(*CONSTANTS), (0.01, 0.02))
     with pytest.raises(InputError, match="outside the traced range"):

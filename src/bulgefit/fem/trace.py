@@ -111,7 +111,7 @@ def trace(
     Raises
     ------
     InputError
-        Pressures not 0 < low <= high.
+        Pressures not 0 < low <= high, or a tolerance that is not above zero.
     SolveError
         No equilibrium, with its cause and the pressure that was reached.
     """
@@ -142,13 +142,15 @@ def traced(
     Raises
     ------
     InputError
-        Pressures not 0 < low <= high.
+        Pressures not 0 < low <= high, or a tolerance that is not above zero.
     """
     low, high = float(pressure[0]), float(pressure[1])
     if not (0.0 < low <= high < np.inf):
         raise InputError(
             f"pressures must satisfy 0 < lowest <= highest, got {10 * low:g} to {10 * high:g} bar"
         )
+    if not tolerance > 0.0:
+        raise InputError(f"tolerance must be above 0 mm, got {tolerance:g}")
     shown = dict(parameters or zip(STIFFNESS_NAMES, stiffness.tolist(), strict=True))
     if (refused := _refused(stiffness, low, shown)) is not None:
         return Traced(None, refused)
@@ -352,7 +354,10 @@ def _start_taut(tracer: Tracer, low: float, high: float) -> bool:
 
 
 def _start_light(tracer: Tracer, low: float) -> bool:
-    """Balance a level at a pressure that strains no cloth by much; False: that is no lower."""
+    """Balance a level at a pressure that strains no cloth by much.
+
+    False where that is no lower than the lowest one, or has no shape either.
+    """
     p = _LIGHT * _scale(tracer.membrane, tracer.stiffness)
     if p >= low**3:
         return False
