@@ -833,8 +833,8 @@ MUTANTS = (
     Mutant("fem/trace.py", "_LIGHT = 1e-3", "_LIGHT = 1e3", "fem/test_path.py"),
     Mutant(
         "model/description.py",
-        "(turned > 0.0).all()",
-        "(turned > 0.0).any()",
+        "mesh.cells) > 0.0).all()",
+        "mesh.cells) > 0.0).any()",
         "effects/test_effects_values.py",
     ),
 )

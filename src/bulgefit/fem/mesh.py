@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from bulgefit.errors import InputError
 
-__all__ = ["DEFAULT_REFINE", "Mesh", "disc", "ellipse", "rectangle"]
+__all__ = ["DEFAULT_REFINE", "Mesh", "corner_areas", "disc", "ellipse", "rectangle"]
 
 #: `disc` cells are 57 refine²: 912 cells, 961 nodes.
 DEFAULT_REFINE = 4
@@ -75,7 +75,7 @@ class Mesh:
             raise InputError(
                 f"mesh: nodes reach {reach:g} mm; give them in mm, up to {_FARTHEST:g} mm"
             )
-        corner = _corner_areas(points, quads)
+        corner = corner_areas(points, quads)
         clockwise = (corner < 0).all(axis=1)
         quads[clockwise] = quads[clockwise][:, ::-1]
         bad = np.flatnonzero(~clockwise & (corner <= 0).any(axis=1))
@@ -109,7 +109,7 @@ class Mesh:
         return int(np.argmin((self.nodes**2).sum(axis=1)))
 
 
-def _corner_areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+def corner_areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Twice the signed areas of the corner triangles, (m, 4) mm²."""
     here = points[cells]
     ahead = np.roll(here, -1, axis=1) - here

@@ -18,7 +18,7 @@ from bulgefit.errors import InputError
 from bulgefit.fem.elasticity import orthotropic_stiffness
 from bulgefit.fem.geometry import SHAPE
 from bulgefit.fem.membrane import Fabric
-from bulgefit.fem.mesh import Mesh
+from bulgefit.fem.mesh import Mesh, corner_areas
 from bulgefit.fem.quarter import along_axis
 
 __all__ = [
@@ -286,13 +286,7 @@ def surface_of(unit: Floats, active: Active, scale: Floats | float) -> Floats | 
 
 def _require_unfolded(mesh: Mesh, surface: Floats | None, active: Active) -> None:
     """Refuse outlines that turn cells over or leave them no area; InputError."""
-    if surface is None:
-        return
-    corners = surface[mesh.cells, :2]
-    ahead = np.roll(corners, -1, axis=1) - corners
-    behind = np.roll(ahead, 1, axis=1)
-    turned = behind[..., 0] * ahead[..., 1] - behind[..., 1] * ahead[..., 0]
-    if not (turned > 0.0).all():
+    if surface is not None and not (corner_areas(surface[:, :2], mesh.cells) > 0.0).all():
         bent = ", ".join(effect.id for effect, _ in active if effect.uses("outline"))
         raise InputError(f"the clamp's opening folds over itself: let {bent} be smaller")
 
