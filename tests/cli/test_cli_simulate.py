@@ -531,6 +531,22 @@ def test_place_that_cannot_be_written(option, monkeypatch, capsys):
     assert f"{file}: cannot be written" in capsys.readouterr().err
 
 
+def test_a_picture_shows_the_opening_and_the_height_that_there_are(tmp_path, monkeypatch):
+    """A lobed clamp was drawn as a disc, and a dome before inflation left out of its shape."""
+    drawn = []
+    monkeypatch.setattr(
+        "bulgefit.report.fields.plot_fields", lambda *given, **_: drawn.append(given)
+    )
+    held = ["--hold", "initial_shape.h0=5,clamp_shape.ellipticity=0.1"]
+    words = [*MATERIAL, *held, "--refine", 1, "--pressure", "0.1", "--quiet"]
+    assert run(*words, "--picture", tmp_path / "p.png") == 0
+    ((nodes, _, displacement, _),) = drawn
+    reach = np.hypot(nodes[:, 0] / 110.0, nodes[:, 1] / 90.0)
+    assert reach.max() == pytest.approx(1.0, rel=1e-12)
+    np.testing.assert_allclose(nodes[:, 2], 5.0 * (1.0 - reach**2), atol=1e-9)
+    assert (nodes + displacement)[:, 2].max() > 5.0
+
+
 def test_a_picture_that_fails_keeps_back_nothing_else(tmp_path, monkeypatch, capsys):
     def fails(*_, **__):
         raise BulgefitError("no OpenGL")

@@ -260,7 +260,7 @@ def _draw(args: argparse.Namespace, result: Simulation, pressure: float) -> None
     from bulgefit.report.fields import plot_fields
 
     plot_fields(
-        result.mesh.nodes,
+        result.membrane.reference,
         result.mesh.cells,
         result.displacement[-1],
         args.picture,

@@ -34,7 +34,8 @@ def plot_fields(
 
     Parameters
     ----------
-    nodes : (n, 2) array, mm
+    nodes : (n, 2) or (n, 3) array, mm
+        Before inflation; without heights they lie flat.
     cells : (m, 4) int array
     displacement : (n, 3) array, mm
     path : path
@@ -56,8 +57,7 @@ def plot_fields(
     _off_screen.require_opengl()
     import pyvista
 
-    flat = np.column_stack([nodes, np.zeros(len(nodes))])
-    surface = pyvista.PolyData.from_regular_faces(flat + displacement, cells)
+    surface = pyvista.PolyData.from_regular_faces(nodes + displacement, cells)
     with _off_screen.plotter(shape="1|2", window_size=_SIZE, splitting_position=0.62) as plotter:
         plotter.subplot(0)
         _draw_shape(plotter, surface.copy(), displacement[:, 2], title)
@@ -69,17 +69,20 @@ def plot_fields(
 
 
 def _checked(nodes: Any, cells: Any, displacement: Any) -> tuple[Floats, Any, Floats]:
-    """The three as arrays, where they are those of one mesh."""
+    """The three as arrays, nodes with their heights, where they are those of one mesh."""
     try:
         at, moved = (np.asarray(given, dtype=float) for given in (nodes, displacement))
         joined = np.asarray(cells, dtype=np.int64)
     except (TypeError, ValueError):
         raise InputError("nodes, cells and displacement must be arrays of numbers") from None
     shapes = at.shape, joined.shape, moved.shape
-    count, cell_count = at.size // 2, joined.size // 4
-    if not cell_count or shapes != ((count, 2), (cell_count, 4), (count, 3)):
+    if at.ndim == 2 and at.shape[1] == 2:
+        at = np.column_stack([at, np.zeros(len(at))])
+    count, cell_count = at.size // 3, joined.size // 4
+    if not cell_count or (at.shape, *shapes[1:]) != ((count, 3), (cell_count, 4), (count, 3)):
         raise InputError(
-            f"nodes (n, 2), cells (m, 4) and displacement (n, 3) are needed, not arrays of {shapes}"
+            "nodes (n, 2) or (n, 3), cells (m, 4) and displacement (n, 3) are needed, "
+            f"not arrays of {shapes}"
         )
     if joined.min() < 0 or joined.max() >= count:
         raise InputError(f"cells name nodes 0 to {count - 1}; these name {joined.max()}")
