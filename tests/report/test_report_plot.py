@@ -363,6 +363,13 @@ def test_shapes_rise_with_pressure(simulated):
     assert simulated._repr_html_().startswith("<pre>Simulation(2 shapes")
 
 
+def test_shapes_stand_where_the_opening_is():
+    wide = {"clamp_shape.radius_error": 0.1}
+    made = bulgefit.simulate({**MODULI, "nu12": 0.24}, [0.1], refine=2, effects=wide)
+    (line,) = made.plot().axes[1].lines
+    assert line.get_xdata()[[0, -1]] == pytest.approx([-110.0, 110.0])
+
+
 def test_fields_for_xarray(simulated, predicted, measured, found):
     pytest.importorskip("xarray")
     shapes = simulated.to_xarray().sel(component="dz")

@@ -30,7 +30,7 @@ def plot_shapes(
     bar = 10.0 * simulation.pressure
     left.plot(bar[order], simulation.apex[order], MARKERS[0][1] + "-", color=MARKERS[0][0])
     _figure.label(left, "pressure (bar)", "dz of the apex (mm)")
-    nodes = simulation.mesh.nodes
+    nodes = simulation.membrane.reference
     on = np.flatnonzero(np.abs(nodes[:, 1]) <= 1e-9 * np.abs(nodes).max())
     on = on[np.argsort(nodes[on, 0], kind="stable")]
     shown = _figure.spread(order, simulation.pressure, PRESSURES)
